@@ -1,0 +1,113 @@
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+
+#include "clients/splinemap/commands.h"
+#include "clients/splinemap/progress.h"
+#include "lib/base/random.h"
+#include "lib/base/status.h"
+#include "lib/config/flags.h"
+#include "lib/logs/lcm_log.h"
+#include "lib/map/map.h"
+#include "lib/pipeline/log_survey.h"
+#include "lib/pipeline/mapper.h"
+#include "lib/store/map_file.h"
+
+namespace splinemap {
+namespace {
+
+struct Flags {
+  std::string log;
+  std::string out;
+  bool force = false;
+  InputFlags input;
+};
+
+void Report(const MapperCounts& counts, const MapSnapshot& map, const std::string& out) {
+  std::fprintf(stderr, "mapped %ld of %ld scans with %ld poses; %zu tiles in %s\n",
+               static_cast<long>(counts.scans_mapped), static_cast<long>(counts.scans_received),
+               static_cast<long>(counts.poses_received), map.merged.size(), out.c_str());
+  for (int k = 0; k < kNumDropReasons; ++k) {
+    const auto reason = static_cast<DropReason>(k);
+    if (counts.drops[reason] == 0) continue;
+    std::fprintf(stderr, "dropped %ld %s: %s\n", static_cast<long>(counts.drops[reason]),
+                 DropName(reason), DropExplanation(reason));
+  }
+}
+
+// A save is whole or not at all, and so is the file: it gets its name when it is complete.
+absl::Status SaveAs(const MapSnapshot& map, const std::string& out) {
+  const std::string part = out + ".part";
+  std::error_code error;
+  std::filesystem::remove(part, error);
+  {
+    SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(part));
+    SPLINEMAP_RETURN_IF_ERROR(file.Save(map));
+  }
+  std::filesystem::rename(part, out, error);
+  if (error) return Unavailable("cannot write {}: {}", out, error.message());
+  return absl::OkStatus();
+}
+
+absl::StatusOr<int> Build(const Flags& flags) {
+  if (std::filesystem::exists(flags.out) && !flags.force) {
+    return InvalidArgument("{} exists; --force replaces it", flags.out);
+  }
+  SPLINEMAP_ASSIGN_OR_RETURN(config::Config config, ConfigOf(flags.input));
+  if (config.scan_size() == 0 || config.pose().empty()) {
+    ProgressBar bar("looking for scans and poses");
+    SPLINEMAP_ASSIGN_OR_RETURN(const LogSurvey survey,
+                               SurveyLog(flags.log, [&](double share) { bar.Show(share); }));
+    SPLINEMAP_RETURN_IF_ERROR(ChooseChannels(survey, config));
+  }
+  SPLINEMAP_RETURN_IF_ERROR(CheckConfig(config));
+
+  Map map(MapOptionsOf(config.method()));
+  Layer& layer = map.AddLayer({RobotName(config), RandomId()}, {1, RandomId()});
+  Mapper mapper(config, map.options(), layer);
+  absl::Status read;
+  {
+    ProgressBar bar("mapping");
+    read = ReadLcmLog(
+        flags.log,
+        [&](const LogEvent& event) { mapper.HandleMessage(event.channel, event.message); },
+        [&](double share) { bar.Show(share); });
+  }
+  mapper.Flush();
+  for (const std::string& notice : mapper.TakeNotices()) {
+    std::fprintf(stderr, "%s\n", notice.c_str());
+  }
+  const MapperCounts counts = mapper.counts();
+  if (!read.ok()) std::fprintf(stderr, "%s\n", ErrorText(read).c_str());
+  if (counts.scans_mapped == 0) {
+    return FailedPrecondition("no scan of {} was mapped: {} scans and {} poses on {}", flags.log,
+                              counts.scans_received, counts.poses_received,
+                              fmt::join(mapper.channels(), ", "));
+  }
+  const std::shared_ptr<const MapSnapshot> snapshot = map.Snapshot();
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs(*snapshot, flags.out));
+  Report(counts, *snapshot, flags.out);
+  return read.ok() ? kSuccess : kFailed;
+}
+
+constexpr const char* kExamples = R"(
+Examples:
+  splinemap build drive.lcmlog --out drive.splinemap
+  splinemap build lab.lcmlog --out lab.splinemap --scan LIDAR:michigan_2017 --pose SLAM_POSE
+
+Maps as splinemapd does, without a network. Channels that are not given are found by their type.)";
+
+}  // namespace
+
+void AddBuild(CLI::App& app, Command& chosen) {
+  auto flags = std::make_shared<Flags>();
+  CLI::App* command = app.add_subcommand("build", "Make a map from an LCM log");
+  command->footer(kExamples);
+  command->add_option("LOG", flags->log, "LCM log")->required();
+  command->add_option("--out", flags->out, "Map file to write")->required()->type_name("MAP");
+  command->add_flag("--force", flags->force, "Replace the map file if it exists");
+  AddInputFlags(*command, flags->input);
+  command->callback([flags, &chosen] { chosen = [flags] { return Build(*flags); }; });
+}
+
+}  // namespace splinemap

@@ -1,0 +1,30 @@
+#pragma once
+
+#include <CLI/App.hpp>
+#include <functional>
+
+#include "absl/status/statusor.h"
+
+namespace splinemap {
+
+// Exit statuses of the tool.
+inline constexpr int kSuccess = 0;
+inline constexpr int kFailed = 1;
+inline constexpr int kUsage = 2;
+
+// What a chosen subcommand does: data on stdout, messages on stderr. Returns the exit status; an
+// error is shown and means kFailed, or kUsage for InvalidArgument.
+using Command = std::function<absl::StatusOr<int>()>;
+
+// Each adds one subcommand, which sets `chosen` when it is on the command line.
+void AddBuild(CLI::App& app, Command& chosen);
+void AddDiff(CLI::App& app, Command& chosen);
+void AddDoctor(CLI::App& app, Command& chosen);
+void AddImportCarmen(CLI::App& app, Command& chosen);
+void AddInfo(CLI::App& app, Command& chosen);
+void AddQuery(CLI::App& app, Command& chosen);
+void AddRender(CLI::App& app, Command& chosen);
+void AddSimulate(CLI::App& app, Command& chosen);
+void AddWatch(CLI::App& app, Command& chosen);
+
+}  // namespace splinemap

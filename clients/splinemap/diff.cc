@@ -1,0 +1,114 @@
+#include <cstdio>
+#include <memory>
+#include <set>
+
+#include "clients/splinemap/commands.h"
+#include "lib/base/status.h"
+#include "lib/store/map_file.h"
+
+namespace splinemap {
+namespace {
+
+struct Difference {
+  int64_t tiles = 0;
+  int64_t control_points = 0;
+};
+
+// An absent tile equals one of zeros.
+Difference Compare(const TileTree& a, const TileTree& b) {
+  static const Tile kZeros;
+  Difference difference;
+  const auto compare = [&](const Tile& x, const Tile& y) {
+    if (x == y) return;
+    ++difference.tiles;
+    for (int k = 0; k < Tile::kSize; ++k) {
+      difference.control_points += x.control_points[k] != y.control_points[k];
+    }
+  };
+  a.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    const TileTree::Entry* other = b.Find(key);
+    compare(*entry.tile, other == nullptr ? kZeros : *other->tile);
+  });
+  b.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    if (a.Find(key) == nullptr) compare(*entry.tile, kZeros);
+  });
+  return difference;
+}
+
+// The layer of `layers` that answers to `id`: the same one, or else the only one of its name that
+// is not yet taken, since two builds of one robot differ in their origin.
+const LayerSnapshot* Counterpart(const LayerId& id, const std::vector<LayerSnapshot>& layers,
+                                 const std::set<const LayerSnapshot*>& taken) {
+  for (const LayerSnapshot& layer : layers) {
+    if (layer.id == id) return &layer;
+  }
+  for (const LayerSnapshot& layer : layers) {
+    if (layer.id.name == id.name && !taken.contains(&layer)) return &layer;
+  }
+  return nullptr;
+}
+
+absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded_a, ReadMapFile(path_a));
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded_b, ReadMapFile(path_b));
+  const MapSnapshot& a = *loaded_a.map;
+  const MapSnapshot& b = *loaded_b.map;
+  bool equal = true;
+  for (const LoadedMap* loaded : {&loaded_a, &loaded_b}) {
+    for (const std::string& damage : loaded->damages) {
+      std::fprintf(stderr, "%s\n", damage.c_str());
+      equal = false;
+    }
+  }
+  if (a.options != b.options) {
+    std::printf("options: knot_interval_m %g and %g, clamps %d .. %d and %d .. %d\n",
+                a.options.knot_interval_m, b.options.knot_interval_m, a.options.limits.min,
+                a.options.limits.max, b.options.limits.min, b.options.limits.max);
+    equal = false;
+  }
+  std::set<const LayerSnapshot*> taken;
+  for (const LayerSnapshot& layer : a.layers) {
+    const LayerSnapshot* other = Counterpart(layer.id, b.layers, taken);
+    if (other == nullptr) {
+      std::printf("layer %s: only in %s\n", layer.id.name.c_str(), path_a.c_str());
+      equal = false;
+      continue;
+    }
+    taken.insert(other);
+    const Difference difference = Compare(layer.tiles, other->tiles);
+    if (difference.tiles == 0) continue;
+    std::printf("layer %s: %ld tiles differ, in %ld control points\n", layer.id.name.c_str(),
+                static_cast<long>(difference.tiles), static_cast<long>(difference.control_points));
+    equal = false;
+  }
+  for (const LayerSnapshot& layer : b.layers) {
+    if (taken.contains(&layer)) continue;
+    std::printf("layer %s: only in %s\n", layer.id.name.c_str(), path_b.c_str());
+    equal = false;
+  }
+  if (equal) {
+    std::printf("equal: %zu layers, %zu tiles\n", a.layers.size(), a.merged.size());
+  }
+  return equal ? kSuccess : kFailed;
+}
+
+constexpr const char* kExamples = R"(
+Example:
+  splinemap diff live.splinemap offline.splinemap && echo the same map
+
+Compares content: layers by name, then control points. Ignores incarnations, nonces and times.
+Exit status: 0 equal, 1 different or failed, 2 usage.)";
+
+}  // namespace
+
+void AddDiff(CLI::App& app, Command& chosen) {
+  auto paths = std::make_shared<std::pair<std::string, std::string>>();
+  CLI::App* command = app.add_subcommand("diff", "Compare two maps");
+  command->footer(kExamples);
+  command->add_option("A", paths->first, "Map file")->required();
+  command->add_option("B", paths->second, "Map file")->required();
+  command->callback(
+      [paths, &chosen] { chosen = [paths] { return Diff(paths->first, paths->second); }; });
+}
+
+}  // namespace splinemap

@@ -1,0 +1,92 @@
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "clients/splinemap/commands.h"
+#include "lib/base/status.h"
+#include "lib/store/map_file.h"
+
+namespace splinemap {
+namespace {
+
+int64_t TouchedControlPoints(const TileTree& tiles) {
+  int64_t touched = 0;
+  tiles.ForEach(
+      [&](TileKey, const TileTree::Entry& entry) { touched += CountTouched(*entry.tile); });
+  return touched;
+}
+
+// Area that was seen: a touched control point stands for one square of the knot interval.
+double Area(const MapSnapshot& map, const TileTree& tiles) {
+  return static_cast<double>(TouchedControlPoints(tiles)) * map.options.knot_interval_m *
+         map.options.knot_interval_m;
+}
+
+nlohmann::json ToJson(const MapSnapshot& map, const std::string& path) {
+  nlohmann::json json = {
+      {"file", path},
+      {"file_bytes", std::filesystem::file_size(path)},
+      {"knot_interval_m", map.options.knot_interval_m},
+      {"clamp_min", map.options.limits.min / double{kUnitsPerLogOdds}},
+      {"clamp_max", map.options.limits.max / double{kUnitsPerLogOdds}},
+      {"tiles", map.merged.size()},
+      {"area_m2", Area(map, map.merged)},
+      {"layers", nlohmann::json::array()},
+  };
+  for (const LayerSnapshot& layer : map.layers) {
+    json["layers"].push_back({{"name", layer.id.name},
+                              {"origin", fmt::format("{:016x}", layer.id.origin)},
+                              {"incarnation", layer.epoch.incarnation},
+                              {"scans", layer.revision},
+                              {"tiles", layer.tiles.size()},
+                              {"area_m2", Area(map, layer.tiles)}});
+  }
+  return json;
+}
+
+void PrintForPeople(const nlohmann::json& json) {
+  const auto number = [](const nlohmann::json& value) { return value.get<double>(); };
+  fmt::print("{}: {:.1f} MB, {} tiles, {:.1f} m2 seen\n", json["file"].get<std::string>(),
+             number(json["file_bytes"]) * 1e-6, json["tiles"].get<int64_t>(),
+             number(json["area_m2"]));
+  fmt::print("knot interval {} m, control points {} .. {} log-odds\n",
+             number(json["knot_interval_m"]), number(json["clamp_min"]), number(json["clamp_max"]));
+  for (const nlohmann::json& layer : json["layers"]) {
+    fmt::print("layer {} ({}): {} scans in {} starts, {} tiles, {:.1f} m2 seen\n",
+               layer["name"].get<std::string>(), layer["origin"].get<std::string>(),
+               layer["scans"].get<int64_t>(), layer["incarnation"].get<int64_t>(),
+               layer["tiles"].get<int64_t>(), number(layer["area_m2"]));
+  }
+}
+
+absl::StatusOr<int> Info(const std::string& path, bool as_json) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(path));
+  nlohmann::json json = ToJson(*loaded.map, path);
+  json["damages"] = loaded.damages;
+  if (as_json) {
+    fmt::print("{}\n", json.dump(2));
+  } else {
+    PrintForPeople(json);
+  }
+  for (const std::string& damage : loaded.damages) std::fprintf(stderr, "%s\n", damage.c_str());
+  return loaded.damages.empty() ? kSuccess : kFailed;
+}
+
+}  // namespace
+
+void AddInfo(CLI::App& app, Command& chosen) {
+  struct Flags {
+    std::string map;
+    bool json = false;
+  };
+  auto flags = std::make_shared<Flags>();
+  CLI::App* command = app.add_subcommand("info", "Say what a map file holds");
+  command->footer("\nExample:\n  splinemap info lab.splinemap --json");
+  command->add_option("MAP", flags->map, "Map file")->required();
+  command->add_flag("--json", flags->json, "Output for programs");
+  command->callback(
+      [flags, &chosen] { chosen = [flags] { return Info(flags->map, flags->json); }; });
+}
+
+}  // namespace splinemap

@@ -1,0 +1,48 @@
+#include <CLI/CLI.hpp>
+#include <cstdio>
+
+#include "clients/splinemap/commands.h"
+#include "lib/base/status.h"
+
+namespace splinemap {
+namespace {
+
+constexpr const char* kExamples = R"(
+Examples:
+  splinemap simulate office.lcmlog
+  splinemap build office.lcmlog --out office.splinemap
+  splinemap render office.splinemap office.png --px-per-knot 2
+  splinemap query office.splinemap 3.0 6.5
+
+splinemap COMMAND --help explains a command. Exit status: 0 done, 1 failed, 2 usage.)";
+
+int Main(int argc, char** argv) {
+  CLI::App app("splinemap: builds, asks and shows continuous occupancy maps of LCM robots.");
+  app.footer(kExamples);
+  app.set_version_flag("--version", SPLINEMAP_VERSION);
+  app.require_subcommand(1);
+  Command chosen;
+  AddBuild(app, chosen);
+  AddInfo(app, chosen);
+  AddRender(app, chosen);
+  AddQuery(app, chosen);
+  AddDiff(app, chosen);
+  AddDoctor(app, chosen);
+  AddWatch(app, chosen);
+  AddSimulate(app, chosen);
+  AddImportCarmen(app, chosen);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? kSuccess : kUsage;
+  }
+  const absl::StatusOr<int> status = chosen();
+  if (status.ok()) return *status;
+  std::fprintf(stderr, "splinemap: %s\n", ErrorText(status.status()).c_str());
+  return absl::IsInvalidArgument(status.status()) ? kUsage : kFailed;
+}
+
+}  // namespace
+}  // namespace splinemap
+
+int main(int argc, char** argv) { return splinemap::Main(argc, argv); }

@@ -1,0 +1,77 @@
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <memory>
+#include <string_view>
+
+#include "clients/splinemap/commands.h"
+#include "lib/base/status.h"
+#include "lib/render/raster.h"
+#include "lib/render/terminal.h"
+#include "lib/store/map_file.h"
+
+namespace splinemap {
+namespace {
+
+struct Flags {
+  std::string map;
+  std::string out;
+  double pixels_per_knot = 2;
+};
+
+std::string Preview(const Raster& raster) {
+  winsize size{};
+  const bool is_terminal = isatty(STDOUT_FILENO) == 1;
+  if (!is_terminal || ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) != 0 || size.ws_col == 0) {
+    size.ws_col = 80;
+    size.ws_row = 40;
+  }
+  const char* terminal = std::getenv("TERM");
+  const bool colour = is_terminal && terminal != nullptr && std::string_view(terminal) != "dumb";
+  constexpr int kMaxColumns = 120;
+  return DrawInTerminal(raster, std::min<int>(size.ws_col, kMaxColumns),
+                        std::max(size.ws_row - 4, 10), colour);
+}
+
+absl::StatusOr<int> Render(const Flags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
+  for (const std::string& damage : loaded.damages) std::fprintf(stderr, "%s\n", damage.c_str());
+  if (flags.out.empty()) {
+    SPLINEMAP_ASSIGN_OR_RETURN(const Raster raster, RenderMap(*loaded.map, 1));
+    std::fputs(Preview(raster).c_str(), stdout);
+    return kSuccess;
+  }
+  SPLINEMAP_ASSIGN_OR_RETURN(const Raster raster, RenderMap(*loaded.map, flags.pixels_per_knot));
+  SPLINEMAP_RETURN_IF_ERROR(WritePng(raster, flags.out));
+  std::fprintf(stderr, "%s: %d x %d pixels of %.4g m, left %.4g m, top %.4g m\n", flags.out.c_str(),
+               raster.width, raster.height, raster.pixel_m, raster.left_m, raster.top_m);
+  return kSuccess;
+}
+
+constexpr const char* kExamples = R"(
+Examples:
+  splinemap render lab.splinemap lab.png --px-per-knot 4
+  splinemap render lab.splinemap
+
+Evaluates the surface at every pixel: black occupied, white free, blue-grey never seen. Without
+OUT.png it draws a small picture in the terminal.)";
+
+}  // namespace
+
+void AddRender(CLI::App& app, Command& chosen) {
+  auto flags = std::make_shared<Flags>();
+  CLI::App* command = app.add_subcommand("render", "Draw a map as PNG or in the terminal");
+  command->footer(kExamples);
+  command->add_option("MAP", flags->map, "Map file")->required();
+  command->add_option("OUT.png", flags->out, "Picture to write");
+  command
+      ->add_option("--px-per-knot", flags->pixels_per_knot,
+                   "Pixels per knot interval each way (default 2)")
+      ->check(CLI::Range(0.01, 64.0));
+  command->callback([flags, &chosen] { chosen = [flags] { return Render(*flags); }; });
+}
+
+}  // namespace splinemap

@@ -1,0 +1,106 @@
+#include <chrono>
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "clients/splinemap/commands.h"
+#include "lib/base/status.h"
+#include "lib/wire/decode.h"
+#include "lib/wire/lcm_bus.h"
+
+namespace splinemap {
+namespace {
+
+struct Flags {
+  std::string lcm_url;
+  std::string prefix = "SPLINEMAP";
+  double timeout_s = 5;
+  bool json = false;
+  bool once = false;
+};
+
+nlohmann::json ToJson(const status_t& status) {
+  nlohmann::json drops = nlohmann::json::object();
+  for (int k = 0; k < status.num_drop_reasons; ++k) {
+    drops[status.drop_reasons[k]] = status.drop_counts[k];
+  }
+  return {{"utime", status.utime},
+          {"name", status.name},
+          {"incarnation", status.incarnation},
+          {"uptime_s", status.uptime_s},
+          {"messages_received", status.messages_received},
+          {"scans_received", status.scans_received},
+          {"poses_received", status.poses_received},
+          {"scans_mapped", status.scans_mapped},
+          {"dropped", drops},
+          {"messages_queued", status.messages_queued},
+          {"scans_queued", status.scans_queued},
+          {"newest_scan_utime", status.newest_scan_utime},
+          {"newest_scan_age_s", status.newest_scan_age_s},
+          {"scan_time_mean_ms", status.scan_time_mean_ms},
+          {"scan_time_max_ms", status.scan_time_max_ms},
+          {"revision", status.revision},
+          {"saved_revision", status.saved_revision},
+          {"tiles", status.tiles},
+          {"map_bytes", status.map_bytes},
+          {"last_problem", status.last_problem}};
+}
+
+std::string Line(const status_t& status) {
+  std::string line = fmt::format(
+      "{}: {} scans and {} poses in, {} mapped, {} dropped, {} waiting; {} tiles; {:.3f} ms a scan",
+      status.name, status.scans_received, status.poses_received, status.scans_mapped,
+      status.messages_dropped, status.messages_queued + status.scans_queued, status.tiles,
+      status.scan_time_mean_ms);
+  if (!status.last_problem.empty()) line += "; " + status.last_problem;
+  return line;
+}
+
+absl::StatusOr<int> Watch(const Flags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
+  const std::string channel = flags.prefix + "_STATUS";
+  int64_t seen = 0;
+  bus->Subscribe(channel, [&](const std::string&, absl::Span<const uint8_t> message) {
+    const absl::StatusOr<status_t> status = DecodeStatus(message);
+    if (!status.ok()) {
+      fmt::print(stderr, "{}: {}\n", channel, ErrorText(status.status()));
+      return;
+    }
+    ++seen;
+    const auto replace = nlohmann::json::error_handler_t::replace;  // text from the bus
+    fmt::print("{}\n", flags.json ? ToJson(*status).dump(-1, ' ', false, replace) : Line(*status));
+    std::fflush(stdout);
+  });
+  const auto timeout = std::chrono::milliseconds(static_cast<int64_t>(flags.timeout_s * 1000));
+  while (bus->Handle(timeout)) {
+    if (flags.once && seen > 0) return kSuccess;
+  }
+  return Unavailable("heard nothing on {} for {:g} s; does splinemapd run on this bus?", channel,
+                     flags.timeout_s);
+}
+
+constexpr const char* kExamples = R"(
+Examples:
+  splinemap watch
+  splinemap watch --json --once --lcm-url 'udpm://239.255.76.67:7667?ttl=0'
+
+Prints what the daemons on the bus say of themselves, a line each a second. Ends with status 1 when
+nothing was heard for --timeout.)";
+
+}  // namespace
+
+void AddWatch(CLI::App& app, Command& chosen) {
+  auto flags = std::make_shared<Flags>();
+  CLI::App* command = app.add_subcommand("watch", "Show how the daemons on a bus are doing");
+  command->footer(kExamples);
+  command->add_option("--lcm-url", flags->lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
+      ->type_name("URL");
+  command->add_option("--prefix", flags->prefix, "channel_prefix of the daemons");
+  command->add_option("--timeout", flags->timeout_s, "s of silence until it ends (default 5)")
+      ->check(CLI::Range(0.1, 1e6));
+  command->add_flag("--json", flags->json, "One JSON object a line");
+  command->add_flag("--once", flags->once, "End after the first message");
+  command->callback([flags, &chosen] { chosen = [flags] { return Watch(*flags); }; });
+}
+
+}  // namespace splinemap

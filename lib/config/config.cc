@@ -1,0 +1,166 @@
+#include "lib/config/config.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <set>
+#include <utility>
+
+#include "absl/strings/str_split.h"
+#include "lib/base/file.h"
+#include "lib/base/status.h"
+#include "lib/config/checked_text.h"
+
+namespace splinemap {
+namespace {
+
+// Facts behind the presets:
+// michigan_2014: the lidar turns clockwise; utime is that of the first beam, beam times are true.
+// michigan_2017: clockwise; utime is taken when the whole scan has arrived, beam times are useless.
+// mbot_2024: bearings are turned counter-clockwise by reversing the list, so the first beam listed
+// is the newest; utime is taken when the scan has arrived, beam times run against the list.
+const std::vector<std::pair<std::string, std::string>>& Presets() {
+  static const auto* presets = new std::vector<std::pair<std::string, std::string>>{
+      {"bot_core", ""},
+      {"michigan_2014", "bearing_sign: -1 beam_times: true"},
+      {"michigan_2017", "bearing_sign: -1 time_offset_ms: -200 scan_duration_ms: 100"},
+      {"mbot_2024", "bearing_sign: 1 scan_duration_ms: -100"},
+  };
+  return *presets;
+}
+
+Utime Milliseconds(double value) { return Utime(std::llround(value * 1000)); }
+
+ControlPoint ToControlPoint(double log_odds) {
+  return static_cast<ControlPoint>(std::lround(log_odds * kUnitsPerLogOdds));
+}
+
+}  // namespace
+
+absl::StatusOr<config::Config> LoadConfig(const std::string& path) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::string text, ReadFile(path));
+  config::Config config;
+  SPLINEMAP_RETURN_IF_ERROR(ParseCheckedText(text, path, &config));
+  return config;
+}
+
+absl::StatusOr<config::Scan> ParseScanFlag(const std::string& flag) {
+  config::Scan scan;
+  const size_t colon = flag.find(':');
+  scan.set_channel(flag.substr(0, colon));
+  if (scan.channel().empty()) return InvalidArgument("--scan {}: no channel", flag);
+  if (colon == std::string::npos) return scan;
+  bool is_first = true;
+  const std::vector<std::string> parts = absl::StrSplit(flag.substr(colon + 1), ',');
+  for (const std::string& part : parts) {
+    const size_t equals = part.find('=');
+    const bool is_preset = is_first && equals == std::string::npos;
+    is_first = false;
+    if (!is_preset && equals == std::string::npos) {
+      return InvalidArgument("--scan {}: {} is no option=value", flag, part);
+    }
+    const absl::Status status =
+        is_preset ? SetCheckedField("preset", part, &scan)
+                  : SetCheckedField(part.substr(0, equals), part.substr(equals + 1), &scan);
+    if (!status.ok()) return InvalidArgument("--scan {}: {}", flag, ErrorText(status));
+  }
+  return scan;
+}
+
+absl::Status CheckConfig(const config::Config& config) {
+  if (config.scan_size() == 0 || config.pose().empty()) {
+    return InvalidArgument(
+        "no {} channel: give --scan CHANNEL[:PRESET] and --pose CHANNEL, or scan {{ channel: .. }} "
+        "and pose: in a file for --config. What a log holds shows: splinemap doctor LOG",
+        config.scan_size() == 0 ? "scan" : "pose");
+  }
+  std::set<std::string> channels{config.pose()};
+  for (const config::Scan& scan : config.scan()) {
+    if (!channels.insert(scan.channel()).second) {
+      return InvalidArgument("channel {} is named twice", scan.channel());
+    }
+    if (scan.channel().empty()) return InvalidArgument("a scan without a channel");
+    if (scan.range_min_m() >= scan.range_max_m()) {
+      return InvalidArgument("scan {}: range_min_m {} is not below range_max_m {}", scan.channel(),
+                             scan.range_min_m(), scan.range_max_m());
+    }
+    const double knots = scan.range_max_m() / config.method().knot_interval_m();
+    if (knots > 4096) {
+      return InvalidArgument(
+          "scan {}: range_max_m {} is {:.0f} knot intervals of {} m; 4096 are the most",
+          scan.channel(), scan.range_max_m(), knots, config.method().knot_interval_m());
+    }
+  }
+  return absl::OkStatus();
+}
+
+std::vector<std::string> PresetNames() {
+  std::vector<std::string> names;
+  for (const auto& [name, text] : Presets()) names.push_back(name);
+  return names;
+}
+
+std::string DetectPreset(bool is_planar_lidar, const RangeReadings& first_message) {
+  if (is_planar_lidar) return "bot_core";
+  const std::vector<Utime>& times = first_message.beam_utimes;
+  if (times.empty()) return "michigan_2017";
+  const auto [least, greatest] = std::minmax_element(times.begin(), times.end());
+  if (*greatest - *least < std::chrono::milliseconds(10)) return "michigan_2017";
+  const Utime to_first = std::chrono::abs(times.front() - first_message.utime);
+  const Utime to_last = std::chrono::abs(times.back() - first_message.utime);
+  return to_first <= to_last ? "michigan_2014" : "mbot_2024";
+}
+
+SensorOptions SensorOptionsOf(const config::Scan& scan, const std::string& preset) {
+  config::Scan merged;
+  for (const auto& [name, text] : Presets()) {
+    if (name == preset) ParseCheckedText(text, name, &merged).IgnoreError();  // tested
+  }
+  merged.MergeFrom(scan);
+  SensorOptions options;
+  options.bearing_sign = merged.bearing_sign();
+  options.time_offset = Milliseconds(merged.time_offset_ms());
+  options.scan_duration = Milliseconds(merged.scan_duration_ms());
+  options.use_beam_times = merged.beam_times();
+  options.range_min_m = merged.range_min_m();
+  options.range_max_m = merged.range_max_m();
+  options.no_return_is_free = merged.no_return() == "free";
+  options.robot_T_sensor = {{merged.x_m(), merged.y_m()},
+                            merged.yaw_deg() * std::numbers::pi / 180};
+  return options;
+}
+
+MapOptions MapOptionsOf(const config::Method& method) {
+  return {method.knot_interval_m(),
+          {ToControlPoint(method.clamp_min()), ToControlPoint(method.clamp_max())}};
+}
+
+BeamModelOptions BeamModelOptionsOf(const config::Method& method) {
+  return {method.kappa_hit(), method.kappa_free(), method.free_sample_spacing_knots()};
+}
+
+ScanQueueOptions ScanQueueOptionsOf(const config::Timing& timing) {
+  ScanQueueOptions options;
+  options.max_pose_wait = Milliseconds(timing.max_pose_wait_ms());
+  options.max_pose_gap = Milliseconds(timing.max_pose_gap_ms());
+  options.max_order_wait = Milliseconds(timing.max_order_wait_ms());
+  options.time_jump = Milliseconds(timing.time_jump_ms());
+  options.pose_history = 2 * (options.max_pose_wait + options.max_pose_gap) +
+                         options.max_order_wait + 2 * kMaxBeamTimeOffset + std::chrono::seconds(10);
+  return options;
+}
+
+std::string RobotName(const config::Config& config) {
+  if (!config.name().empty()) return config.name();
+  char host[256] = "";
+  gethostname(host, sizeof host - 1);
+  return host[0] != '\0' ? host : "robot";
+}
+
+std::string MapPath(const config::Config& config) {
+  return config.map().empty() ? RobotName(config) + ".splinemap" : config.map();
+}
+
+}  // namespace splinemap

@@ -1,0 +1,37 @@
+#include "lib/config/flags.h"
+
+#include "absl/strings/str_join.h"
+#include "lib/base/status.h"
+
+namespace splinemap {
+
+void AddInputFlags(CLI::App& app, InputFlags& flags) {
+  app.add_option("--scan", flags.scans,
+                 "Scan channel with how to read it; more than once for several. Presets: auto, " +
+                     absl::StrJoin(PresetNames(), ", ") +
+                     ". Options: bearing_sign, time_offset_ms, scan_duration_ms, beam_times, "
+                     "range_min_m, range_max_m, no_return, x_m, y_m, yaw_deg")
+      ->type_name("CHANNEL[:PRESET][,OPTION=VALUE]...");
+  app.add_option("--pose", flags.pose, "Channel of the robot's poses in the map frame")
+      ->type_name("CHANNEL");
+  app.add_option("--name", flags.name, "Name of the robot (default: name of the host)");
+  app.add_option("--config", flags.config_path,
+                 "Configuration in Protobuf text format; splinemapd --print-config shows one")
+      ->type_name("FILE");
+}
+
+absl::StatusOr<config::Config> ConfigOf(const InputFlags& flags) {
+  config::Config config;
+  if (!flags.config_path.empty()) {
+    SPLINEMAP_ASSIGN_OR_RETURN(config, LoadConfig(flags.config_path));
+  }
+  if (!flags.pose.empty()) config.set_pose(flags.pose);
+  if (!flags.name.empty()) config.set_name(flags.name);
+  if (!flags.scans.empty()) config.clear_scan();
+  for (const std::string& flag : flags.scans) {
+    SPLINEMAP_ASSIGN_OR_RETURN(*config.add_scan(), ParseScanFlag(flag));
+  }
+  return config;
+}
+
+}  // namespace splinemap

@@ -1,0 +1,32 @@
+#include "lib/geometry/pose2.h"
+
+#include <cmath>
+#include <numbers>
+
+namespace splinemap {
+
+Pose2 operator*(const Pose2& a_T_b, const Pose2& b_T_c) {
+  return {a_T_b * b_T_c.position_m, a_T_b.yaw_rad + b_T_c.yaw_rad};
+}
+
+Eigen::Vector2d operator*(const Pose2& a_T_b, const Eigen::Vector2d& p_b) {
+  const double c = std::cos(a_T_b.yaw_rad);
+  const double s = std::sin(a_T_b.yaw_rad);
+  return a_T_b.position_m + Eigen::Vector2d(c * p_b.x() - s * p_b.y(), s * p_b.x() + c * p_b.y());
+}
+
+double WrapAngle(double angle_rad) {
+  const double wrapped = std::remainder(angle_rad, 2 * std::numbers::pi);
+  return wrapped <= -std::numbers::pi ? std::numbers::pi : wrapped;
+}
+
+Pose2 Interpolate(const Pose2& a, const Pose2& b, double fraction) {
+  return {a.position_m + fraction * (b.position_m - a.position_m),
+          a.yaw_rad + fraction * WrapAngle(b.yaw_rad - a.yaw_rad)};
+}
+
+double YawOfQuaternion(double w, double x, double y, double z) {
+  return std::atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z));
+}
+
+}  // namespace splinemap

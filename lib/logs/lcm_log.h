@@ -1,0 +1,59 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/functional/function_ref.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/types/span.h"
+#include "lib/base/utime.h"
+
+namespace splinemap {
+
+// One message of an LCM log. Views are valid during the visit.
+struct LogEvent {
+  Utime utime{0};  // when the logger heard it
+  std::string channel;
+  absl::Span<const uint8_t> message;
+};
+
+// True where the file begins as an LCM log does.
+bool IsLcmLog(const std::string& path);
+
+// Visits the events of a log in the order of the file. `progress` is called now and then with the
+// share of the file that was read, 0 .. 1. A log that ends early or has a broken event is DataLoss
+// after the events before it were visited.
+absl::Status ReadLcmLog(const std::string& path, absl::FunctionRef<void(const LogEvent&)> visit,
+                        absl::FunctionRef<void(double)> progress);
+
+// Writes an LCM log. Thread-compatible.
+class LcmLogWriter {
+ public:
+  // Replaces the file. Unavailable where it cannot be written.
+  static absl::StatusOr<LcmLogWriter> Create(const std::string& path);
+
+  LcmLogWriter(LcmLogWriter&&) noexcept;
+  LcmLogWriter& operator=(LcmLogWriter&&) noexcept;
+  ~LcmLogWriter();
+
+  template <typename Message>
+  absl::Status Write(Utime utime, const std::string& channel, const Message& message) {
+    std::vector<uint8_t> bytes(message.getEncodedSize());
+    message.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+    return WriteBytes(utime, channel, bytes);
+  }
+  absl::Status WriteBytes(Utime utime, const std::string& channel, std::vector<uint8_t>& message);
+
+  // Closes the file; every later call fails. Says whether all of it reached the system.
+  absl::Status Close();
+
+ private:
+  struct Impl;
+  explicit LcmLogWriter(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace splinemap

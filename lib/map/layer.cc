@@ -1,0 +1,15 @@
+#include "lib/map/layer.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace splinemap {
+
+void Layer::RestoreTile(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision) {
+  tiles_.Put(key, std::move(tile), revision);
+  RestoreRevision(revision);
+}
+
+void Layer::RestoreRevision(uint64_t revision) { revision_ = std::max(revision_, revision); }
+
+}  // namespace splinemap

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <vector>
+
+#include "lib/map/layer.h"
+#include "lib/map/tile.h"
+#include "lib/map/tile_tree.h"
+#include "lib/spline/surface.h"
+
+namespace splinemap {
+
+// What all layers of a map share. Maps of different options cannot be merged.
+struct MapOptions {
+  double knot_interval_m = 0.05;
+  ControlLimits limits;
+  bool operator==(const MapOptions&) const = default;
+};
+
+// An immutable view of a map: its layers and their sum. Thread-safe.
+struct MapSnapshot {
+  MapOptions options;
+  std::vector<LayerSnapshot> layers;
+  // merged[k] = clamp(sum of layers[k]). The revisions in it count snapshots of the map, not
+  // commits of a layer.
+  TileTree merged;
+
+  // Value, gradient and Hessian of the merged surface at a point of the map frame. Where the
+  // coordinates are not finite or beyond kMaxKnotIndex: 0 and not known.
+  SurfaceSample Evaluate(double x_m, double y_m) const;
+};
+
+// The sum of tiles in any order, clamped once at the end; null tiles count as zeros.
+Tile MergeTiles(const std::vector<const Tile*>& tiles, ControlLimits limits);
+
+// A set of layers over one knot interval. Thread-compatible; snapshots are for other threads.
+class Map {
+ public:
+  explicit Map(MapOptions options) : options_(options) {}
+
+  const MapOptions& options() const { return options_; }
+
+  // A new layer, empty or going on where `base` ended. It lives as long as the map. Requires that
+  // no layer has this id.
+  Layer& AddLayer(LayerId id, LayerEpoch epoch);
+  Layer& ContinueLayer(const LayerSnapshot& base, LayerEpoch epoch);
+  const std::deque<Layer>& layers() const { return layers_; }
+
+  // Costs what changed since the last call.
+  std::shared_ptr<const MapSnapshot> Snapshot();
+
+ private:
+  void UpdateMerged();
+
+  MapOptions options_;
+  std::deque<Layer> layers_;
+  TileTreeEditor merged_;
+  uint64_t merged_revision_ = 0;
+  std::vector<uint64_t> merged_up_to_;  // revision of each layer that is in merged_
+};
+
+}  // namespace splinemap

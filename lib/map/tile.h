@@ -1,0 +1,69 @@
+#pragma once
+
+#include <array>
+#include <compare>
+#include <cstdint>
+#include <optional>
+
+namespace splinemap {
+
+// A coefficient of the surface in fixed point. 0 means that no measurement ever touched it.
+using ControlPoint = int16_t;
+inline constexpr int kUnitsPerLogOdds = 256;
+
+// Control points stay in [min, max], equation (36).
+struct ControlLimits {
+  ControlPoint min = -100 * kUnitsPerLogOdds;
+  ControlPoint max = 100 * kUnitsPerLogOdds;
+  auto operator<=>(const ControlLimits&) const = default;
+};
+
+// `sum` within `limits`, and +1 instead of 0: what was touched stays known.
+inline ControlPoint ClampTouched(int32_t sum, ControlLimits limits) {
+  const int32_t clamped = sum < limits.min ? limits.min : sum > limits.max ? limits.max : sum;
+  return static_cast<ControlPoint>(clamped == 0 ? 1 : clamped);
+}
+
+// Control points of |index| up to this exist; 0.05 m apart they span 13,000 km each way.
+inline constexpr int32_t kMaxKnotIndex = 1 << 28;
+
+// A coordinate in knot intervals: coordinate = (index + t) * knot_interval, t in [0, 1).
+struct KnotPosition {
+  int32_t index = 0;
+  double t = 0;
+};
+
+// Empty where the coordinate is not finite or out of the range of kMaxKnotIndex.
+std::optional<KnotPosition> LocateKnot(double coordinate_m, double knot_interval_m);
+
+// Names the square of control points [32 tx, 32 tx + 32) x [32 ty, 32 ty + 32), for ever the same
+// square of the layer's frame.
+struct TileKey {
+  int32_t tx = 0;
+  int32_t ty = 0;
+
+  auto operator<=>(const TileKey&) const = default;
+  template <typename H>
+  friend H AbslHashValue(H h, const TileKey& key) {
+    return H::combine(std::move(h), key.tx, key.ty);
+  }
+};
+
+// 32 x 32 control points, row-major: x runs fastest. An absent tile equals one of zeros.
+struct alignas(64) Tile {
+  static constexpr int kSide = 32;
+  static constexpr int kSize = kSide * kSide;
+
+  std::array<ControlPoint, kSize> control_points{};
+
+  bool operator==(const Tile&) const = default;
+};
+
+// Control point (i, j) belongs to tile TileOf(i, j) at position IndexInTile(i, j).
+constexpr TileKey TileOf(int32_t i, int32_t j) { return {i >> 5, j >> 5}; }
+constexpr int IndexInTile(int32_t i, int32_t j) { return ((j & 31) << 5) | (i & 31); }
+
+// Number of control points that a measurement touched.
+int CountTouched(const Tile& tile);
+
+}  // namespace splinemap

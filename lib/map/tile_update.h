@@ -1,0 +1,33 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "lib/map/tile.h"
+
+namespace splinemap {
+
+// One change of one tile of one layer: what is stored, published and sent. Applying one twice, late
+// or out of order is harmless, since the greater revision of a key wins.
+struct TileUpdate {
+  TileKey key;
+  uint64_t revision = 0;  // of the layer, in the commit that made this content
+  std::string content;    // EncodeTile of the whole tile
+  uint64_t checksum = 0;  // TileChecksum of the tile that results
+};
+
+TileUpdate MakeTileUpdate(TileKey key, const Tile& tile, uint64_t revision);
+
+// The tile that the update leaves. DataLoss where the content cannot be decoded or does not match
+// the checksum. Allocates no more than a tile, whatever the content claims.
+absl::StatusOr<Tile> TileOfUpdate(const TileUpdate& update);
+
+// XXH3 (64 bits) over key and control points, little-endian.
+uint64_t TileChecksum(TileKey key, const Tile& tile);
+
+// zstd of the tile's differences; see the definition. About 0.6 of the size of zstd of the tile.
+std::string EncodeTile(const Tile& tile);
+absl::StatusOr<Tile> DecodeTile(const std::string& content);
+
+}  // namespace splinemap

@@ -1,0 +1,99 @@
+#include "lib/pipeline/log_survey.h"
+
+#include <map>
+
+#include "lib/base/status.h"
+#include "lib/logs/lcm_log.h"
+
+namespace splinemap {
+namespace {
+
+struct Sighting {
+  LoggedChannel channel;
+  Utime first{0};
+  Utime last{0};
+};
+
+Sighting FirstSight(const LogEvent& event) {
+  Sighting sighting;
+  sighting.first = event.utime;
+  sighting.channel.name = event.channel;
+  sighting.channel.fingerprint = FingerprintOf(event.message);
+  sighting.channel.type = TypeOf(event.message);
+  if (sighting.channel.type && IsScan(*sighting.channel.type)) {
+    if (const auto readings = DecodeScan(event.message); readings.ok()) {
+      sighting.channel.preset =
+          DetectPreset(sighting.channel.type == MessageType::kPlanarLidar, *readings);
+    }
+  }
+  return sighting;
+}
+
+// The only channel of the kind, or an error that names the flag to choose with.
+absl::StatusOr<std::string> OnlyChannel(const LogSurvey& survey, bool (*is_kind)(MessageType),
+                                        const char* kind, const char* flag) {
+  std::vector<const LoggedChannel*> fitting;
+  for (const LoggedChannel& channel : survey.channels) {
+    if (channel.type && is_kind(*channel.type)) fitting.push_back(&channel);
+  }
+  if (fitting.empty()) {
+    return InvalidArgument("the log has no channel of {}; splinemap doctor LOG lists what it has",
+                           kind);
+  }
+  if (fitting.size() == 1) return fitting.front()->name;
+  std::string text =
+      fmt::format("several channels of the log carry {}; choose with {}:", kind, flag);
+  for (const LoggedChannel* channel : fitting) {
+    text += fmt::format("\n  {} {:<20} {:>7.1f} Hz, {} messages of {}", flag, channel->name,
+                        channel->rate_hz, channel->messages, TypeName(*channel->type));
+  }
+  return absl::InvalidArgumentError(text);
+}
+
+}  // namespace
+
+absl::StatusOr<LogSurvey> SurveyLog(const std::string& path,
+                                    absl::FunctionRef<void(double)> progress) {
+  std::map<std::string, Sighting> sightings;
+  std::optional<Utime> first;
+  Utime last{0};
+  const absl::Status status = ReadLcmLog(
+      path,
+      [&](const LogEvent& event) {
+        if (!first) first = event.utime;
+        last = event.utime;
+        auto place = sightings.find(event.channel);
+        if (place == sightings.end()) {
+          place = sightings.emplace(event.channel, FirstSight(event)).first;
+        }
+        ++place->second.channel.messages;
+        place->second.last = event.utime;
+      },
+      progress);
+  if (!status.ok() && sightings.empty()) return status;  // else: what can be read is surveyed
+  LogSurvey survey;
+  if (first) survey.duration_s = static_cast<double>((last - *first).count()) * 1e-6;
+  for (auto& [name, sighting] : sightings) {
+    const auto span_s = static_cast<double>((sighting.last - sighting.first).count()) * 1e-6;
+    LoggedChannel& channel = sighting.channel;
+    if (span_s > 0) channel.rate_hz = static_cast<double>(channel.messages - 1) / span_s;
+    survey.channels.push_back(std::move(channel));
+  }
+  return survey;
+}
+
+absl::Status ChooseChannels(const LogSurvey& survey, config::Config& config) {
+  if (config.scan_size() == 0) {
+    SPLINEMAP_ASSIGN_OR_RETURN(const std::string channel,
+                               OnlyChannel(survey, &IsScan, "scans", "--scan"));
+    config.add_scan()->set_channel(channel);
+  }
+  if (config.pose().empty()) {
+    SPLINEMAP_ASSIGN_OR_RETURN(const std::string channel,
+                               OnlyChannel(survey, &IsPose, "poses", "--pose"));
+    config.set_pose(channel);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace splinemap

@@ -1,0 +1,46 @@
+#include "lib/sensing/drop_counts.h"
+
+namespace splinemap {
+namespace {
+
+struct Words {
+  const char* name;
+  const char* explanation;
+};
+
+Words WordsOf(DropReason reason) {
+  switch (reason) {
+    case DropReason::kMalformedScan:
+      return {"malformed_scan", "the message cannot be decoded"};
+    case DropReason::kUnusableScan:
+      return {"unusable_scan", "the message does not fit the options of its channel"};
+    case DropReason::kDuplicateScan:
+      return {"duplicate_scan", "a scan repeats the time stamp of an earlier one"};
+    case DropReason::kLateScan:
+      return {"late_scan", "a scan is older than one that is mapped already"};
+    case DropReason::kScanWithoutPose:
+      return {"scan_without_pose",
+              "no poses before and after a scan; do pose and scan channel share a clock?"};
+    case DropReason::kScanInPoseGap:
+      return {"scan_in_pose_gap",
+              "the poses around a scan are too far apart; see timing { max_pose_gap_ms }"};
+    case DropReason::kScanQueueFull:
+      return {"scan_queue_full", "too many scans wait for poses"};
+    case DropReason::kMalformedPose:
+      return {"malformed_pose", "the message cannot be decoded"};
+    case DropReason::kPoseOutOfRange:
+      return {"pose_out_of_range", "a pose lies beyond what can be mapped"};
+    case DropReason::kDuplicatePose:
+      return {"duplicate_pose", "a pose repeats the time stamp of an earlier one, or is very late"};
+    case DropReason::kOverload:
+      return {"overload", "messages come faster than they can be mapped"};
+  }
+  return {"unknown", ""};
+}
+
+}  // namespace
+
+const char* DropName(DropReason reason) { return WordsOf(reason).name; }
+const char* DropExplanation(DropReason reason) { return WordsOf(reason).explanation; }
+
+}  // namespace splinemap

@@ -1,0 +1,50 @@
+#pragma once
+
+#include <cstddef>
+#include <deque>
+#include <optional>
+
+#include "lib/base/utime.h"
+#include "lib/geometry/pose2.h"
+
+namespace splinemap {
+
+struct TimedPose {
+  Utime utime{0};
+  Pose2 world_T_robot;
+};
+
+// Poses of one robot by time, the newest few seconds of them. Thread-compatible.
+class PoseBuffer {
+ public:
+  // Poses older than `history` before the newest are forgotten, and the oldest beyond kMaxPoses.
+  explicit PoseBuffer(Utime history) : history_(history) {}
+
+  static constexpr size_t kMaxPoses = 100'000;
+
+  // Keeps the order by time whatever the order of arrival. False where a pose of this time is there
+  // already (the first one stays) or the pose is too old to keep.
+  bool Add(const TimedPose& pose);
+
+  bool empty() const { return poses_.empty(); }
+  Utime oldest() const { return poses_.front().utime; }  // requires !empty()
+  Utime newest() const { return poses_.back().utime; }   // requires !empty()
+  void Clear() { poses_.clear(); }
+
+  // The poses at or next before and at or next after `utime`, or nothing where one is missing.
+  // Equal where a pose has exactly this time.
+  struct Bracket {
+    const TimedPose* before = nullptr;
+    const TimedPose* after = nullptr;
+  };
+  std::optional<Bracket> Find(Utime utime) const;
+
+ private:
+  std::deque<TimedPose> poses_;
+  Utime history_;
+};
+
+// The pose at `utime` within the bracket.
+Pose2 Interpolate(const PoseBuffer::Bracket& bracket, Utime utime);
+
+}  // namespace splinemap

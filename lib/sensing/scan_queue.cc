@@ -1,0 +1,123 @@
+#include "lib/sensing/scan_queue.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace splinemap {
+
+ScanQueue::ScanQueue(ScanQueueOptions options, int num_channels)
+    : options_(options), poses_(options.pose_history), newest_scan_(num_channels) {}
+
+void ScanQueue::AddPose(const TimedPose& pose) {
+  if (!poses_.empty() && pose.utime < poses_.newest() - options_.time_jump) {
+    ++counts_.time_jumps;
+    Flush();
+  }
+  if (!poses_.Add(pose)) ++counts_.drops[DropReason::kDuplicatePose];
+  Drain(false);
+}
+
+void ScanQueue::AddScan(Scan scan) {
+  std::optional<Utime>& newest = newest_scan_[scan.channel];
+  if (newest && scan.utime < *newest - options_.time_jump) {
+    ++counts_.time_jumps;
+    Flush();
+  }
+  const Key key{scan.utime, scan.channel};
+  if (newest == scan.utime || waiting_.contains(key)) {
+    ++counts_.drops[DropReason::kDuplicateScan];
+    return;
+  }
+  newest = std::max(newest.value_or(scan.utime), scan.utime);
+  if (last_placed_ && key <= *last_placed_) {
+    ++counts_.drops[DropReason::kLateScan];
+  } else {
+    beams_waiting_ += scan.beams.size();
+    waiting_.emplace(key, std::move(scan));
+  }
+  Drain(false);
+  while (waiting_.size() > kMaxScans || beams_waiting_ > kMaxBeamsWaiting) {
+    ++counts_.drops[DropReason::kScanQueueFull];
+    DropOldest();
+  }
+}
+
+void ScanQueue::Flush() {
+  Drain(true);
+  poses_.Clear();
+  last_placed_.reset();
+  std::fill(newest_scan_.begin(), newest_scan_.end(), std::nullopt);
+}
+
+std::optional<PlacedScan> ScanQueue::Next() {
+  if (ready_.empty()) return std::nullopt;
+  PlacedScan scan = std::move(ready_.front());
+  ready_.pop_front();
+  return scan;
+}
+
+ScanQueue::Fate ScanQueue::Judge(const Scan& scan) const {
+  const Utime first = scan.utime + scan.first_beam;
+  const Utime last = scan.utime + scan.last_beam;
+  if (!poses_.empty() && poses_.newest() >= last) {
+    return poses_.oldest() <= first ? Fate::kPlace : Fate::kNoPose;
+  }
+  const Utime newest_scan = newest_scan_[scan.channel].value_or(scan.utime);
+  return newest_scan >= last + options_.max_pose_wait ? Fate::kNoPose : Fate::kWait;
+}
+
+bool ScanQueue::OtherChannelsReached(const Scan& scan) const {
+  if (poses_.newest() >= scan.utime + scan.last_beam + options_.max_order_wait) return true;
+  return std::all_of(newest_scan_.begin(), newest_scan_.end(),
+                     [&](const std::optional<Utime>& newest) { return newest >= scan.utime; });
+}
+
+void ScanQueue::Drain(bool end_of_input) {
+  while (!waiting_.empty()) {
+    const Scan& scan = waiting_.begin()->second;
+    Fate fate = Judge(scan);
+    if (fate == Fate::kPlace && !end_of_input && !OtherChannelsReached(scan)) fate = Fate::kWait;
+    if (fate == Fate::kWait) {
+      if (!end_of_input) return;
+      fate = Fate::kNoPose;
+    }
+    if (fate == Fate::kPlace) {
+      Place(scan);
+    } else {
+      ++counts_.drops[DropReason::kScanWithoutPose];
+    }
+    DropOldest();
+  }
+}
+
+void ScanQueue::Place(const Scan& scan) {
+  PlacedScan placed{scan.channel, scan.utime, {}};
+  placed.beams.reserve(scan.beams.size());
+  std::optional<Utime> pose_time;
+  Pose2 world_T_sensor;
+  for (const Beam& beam : scan.beams) {
+    if (const Utime utime = scan.utime + beam.time_offset; pose_time != utime) {
+      const PoseBuffer::Bracket bracket = *poses_.Find(utime);  // Judge() saw that it is there
+      if (bracket.after->utime - bracket.before->utime > options_.max_pose_gap) {
+        ++counts_.drops[DropReason::kScanInPoseGap];
+        return;
+      }
+      world_T_sensor = Interpolate(bracket, utime) * scan.robot_T_sensor;
+      pose_time = utime;
+    }
+    const double bearing_world_rad = world_T_sensor.yaw_rad + double{beam.bearing_rad};
+    placed.beams.push_back({world_T_sensor.position_m,
+                            {std::cos(bearing_world_rad), std::sin(bearing_world_rad)},
+                            double{beam.range_m},
+                            beam.hit});
+  }
+  last_placed_ = {scan.utime, scan.channel};
+  ready_.push_back(std::move(placed));
+}
+
+void ScanQueue::DropOldest() {
+  beams_waiting_ -= waiting_.begin()->second.beams.size();
+  waiting_.erase(waiting_.begin());
+}
+
+}  // namespace splinemap

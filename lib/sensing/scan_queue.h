@@ -1,0 +1,89 @@
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "lib/sensing/drop_counts.h"
+#include "lib/sensing/pose_buffer.h"
+#include "lib/sensing/scan.h"
+
+namespace splinemap {
+
+// All times are message time.
+struct ScanQueueOptions {
+  // A scan without a pose at or after its last beam waits until its channel is this much newer.
+  Utime max_pose_wait = std::chrono::seconds(2);
+  // Poses further apart are not interpolated.
+  Utime max_pose_gap = std::chrono::seconds(1);
+  // With several scan channels: how long a scan waits, by the newest pose, for the other channels
+  // to reach its time.
+  Utime max_order_wait = std::chrono::milliseconds(200);
+  // Poses are kept this long.
+  Utime pose_history = std::chrono::seconds(10);
+  // A channel that steps back by more than this has jumped: a log was rewound.
+  Utime time_jump = std::chrono::seconds(1);
+};
+
+// A scan whose beams stand in the world.
+struct PlacedScan {
+  int channel = 0;
+  Utime utime{0};
+  std::vector<PlacedBeam> beams;
+};
+
+// Totals since construction.
+struct ScanQueueCounts {
+  DropCounts drops;
+  int64_t time_jumps = 0;  // back, further than time_jump
+};
+
+// Brings scans into order of (utime, channel) and places their beams by interpolated poses. What
+// comes out depends on the messages and their order alone, never on the time they take to process.
+//
+// A scan comes out when poses bracket all its beams and every scan channel has reached its time (or
+// max_order_wait passed). When a channel jumps back in time, what can be placed comes out, the rest
+// is dropped, and time begins anew. Memory is bounded. Thread-compatible.
+class ScanQueue {
+ public:
+  ScanQueue(ScanQueueOptions options, int num_channels);
+
+  void AddPose(const TimedPose& pose);
+  // Requires 0 <= scan.channel < num_channels.
+  void AddScan(Scan scan);
+  // The end of input: what can be placed comes out, the rest is dropped, time begins anew.
+  void Flush();
+
+  // The next scan in order, or nothing until more messages come.
+  std::optional<PlacedScan> Next();
+
+  size_t size() const { return waiting_.size(); }
+  const ScanQueueCounts& counts() const { return counts_; }
+
+  static constexpr size_t kMaxScans = 1000;
+  static constexpr size_t kMaxBeamsWaiting = 2'000'000;
+
+ private:
+  using Key = std::pair<Utime, int>;  // utime, channel
+
+  enum class Fate { kWait, kPlace, kNoPose };
+  Fate Judge(const Scan& scan) const;
+  bool OtherChannelsReached(const Scan& scan) const;
+  void Drain(bool end_of_input);
+  void Place(const Scan& scan);
+  void DropOldest();
+
+  ScanQueueOptions options_;
+  PoseBuffer poses_;
+  std::map<Key, Scan> waiting_;
+  size_t beams_waiting_ = 0;
+  std::vector<std::optional<Utime>> newest_scan_;  // by channel
+  std::optional<Key> last_placed_;
+  std::deque<PlacedScan> ready_;
+  ScanQueueCounts counts_;
+};
+
+}  // namespace splinemap

@@ -1,0 +1,71 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "lib/map/map.h"
+
+namespace SQLite {
+class Database;
+}
+
+namespace splinemap {
+
+struct LoadedMap {
+  std::shared_ptr<const MapSnapshot> map;
+  // Tiles that were damaged and left out, a line each.
+  std::vector<std::string> damages;
+};
+
+// A map in a SQLite database, by convention NAME.splinemap: the record of the map, one per layer,
+// one row per tile (README.md here shows the schema). Each Save() is one transaction, so that a
+// crash at any moment leaves the state of one save. While open for writing there are two files
+// beside it
+// (-wal, -shm); Close() or the destructor leaves one. Thread-compatible.
+class MapFile {
+ public:
+  // Opens for writing; makes the file where there is none. Errors say what is in the way: no
+  // permission, no SQLite database, a database of something else, a newer schema.
+  static absl::StatusOr<MapFile> Open(const std::string& path);
+  // Opens for reading a file that exists; another process may be writing to it.
+  static absl::StatusOr<MapFile> OpenReadOnly(const std::string& path);
+
+  MapFile(MapFile&&) noexcept;
+  MapFile& operator=(MapFile&&) noexcept;
+  ~MapFile();
+
+  // True where nothing was saved yet.
+  absl::StatusOr<bool> IsEmpty();
+
+  // The last save. Requires !IsEmpty(). DataLoss where a record is damaged.
+  absl::StatusOr<LoadedMap> Load();
+
+  // Writes what changed since the last save of this object or its Load(); all of it the first time.
+  // Requires equal map options and the same layers or more. After a failure the file is as it was.
+  absl::Status Save(const MapSnapshot& snapshot);
+
+ private:
+  struct SavedLayer {
+    LayerId id;
+    uint64_t revision = 0;
+  };
+
+  MapFile(std::string path, std::unique_ptr<SQLite::Database> database);
+  int64_t SaveLayerRecord(const LayerSnapshot& layer);
+  uint64_t& SavedRevision(const LayerId& id);
+  absl::StatusOr<LoadedMap> LoadUnchecked();
+  void SaveUnchecked(const MapSnapshot& snapshot);
+
+  std::string path_;
+  std::unique_ptr<SQLite::Database> database_;
+  std::vector<SavedLayer> saved_;  // what the file holds of each layer
+};
+
+// Reads a map for looking at it. NotFound where the file does not exist or holds no map yet.
+absl::StatusOr<LoadedMap> ReadMapFile(const std::string& path);
+
+}  // namespace splinemap

@@ -1,0 +1,240 @@
+#include "lib/wire/decode.h"
+
+#include <cmath>
+#include <limits>
+
+#include "lcmtypes/bot_core/planar_lidar_t.hpp"
+#include "lcmtypes/bot_core/pose_t.hpp"
+#include "lcmtypes/michigan/lidar_t.hpp"
+#include "lcmtypes/michigan/pose_xyt_t.hpp"
+#include "lcmtypes/splinemap/status_t.hpp"
+#include "lib/base/status.h"
+
+namespace splinemap {
+namespace {
+
+constexpr size_t kFingerprintBytes = 8;
+constexpr int64_t kMaxUtime = int64_t{230} * 365 * 86'400 * 1'000'000;
+
+// Walks over the fields of a message without decoding them, to see whether its counts add up to its
+// size: the generated decoders allocate what the counts claim.
+class SizeWalk {
+ public:
+  explicit SizeWalk(absl::Span<const uint8_t> message) : rest_(message) {}
+
+  void Skip(size_t bytes) {
+    fits_ = fits_ && bytes <= rest_.size();
+    if (fits_) rest_.remove_prefix(bytes);
+  }
+
+  size_t Count() {
+    const absl::Span<const uint8_t> bytes = rest_;
+    Skip(4);
+    if (!fits_) return 0;
+    const uint32_t count = (uint32_t{bytes[0]} << 24) | (uint32_t{bytes[1]} << 16) |
+                           (uint32_t{bytes[2]} << 8) | bytes[3];
+    if (count > std::numeric_limits<int32_t>::max()) fits_ = false;
+    return count;
+  }
+
+  void String() { Skip(Count()); }
+  void Strings(size_t count) {
+    for (size_t k = 0; fits_ && k < count; ++k) String();
+  }
+
+  bool AtEnd() const { return fits_ && rest_.empty(); }
+
+ private:
+  absl::Span<const uint8_t> rest_;
+  bool fits_ = true;
+};
+
+bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
+  SizeWalk walk(message);
+  walk.Skip(kFingerprintBytes);
+  switch (type) {
+    case MessageType::kPlanarLidar:
+      walk.Skip(8);                 // utime
+      walk.Skip(4 * walk.Count());  // ranges
+      walk.Skip(4 * walk.Count());  // intensities
+      walk.Skip(4 + 4);             // rad0, radstep
+      break;
+    case MessageType::kMichiganLidar:
+      walk.Skip(8);
+      walk.Skip((4 + 4 + 8 + 4) * walk.Count());  // ranges, thetas, times, intensities
+      break;
+    case MessageType::kPose:
+      walk.Skip(8 + 8 * (3 + 3 + 4 + 3 + 3));
+      break;
+    case MessageType::kMichiganPose:
+      walk.Skip(8 + 4 * 3);
+      break;
+    case MessageType::kStatus: {
+      walk.Skip(8);
+      walk.String();  // name
+      walk.Skip(8 * 3);
+      walk.String();  // version
+      walk.Skip(8 * 8);
+      const size_t reasons = walk.Count();
+      walk.Strings(reasons);
+      walk.Skip(8 * reasons);
+      walk.Skip(4 * 2 + 8 * 8);
+      walk.String();  // last_problem
+      break;
+    }
+  }
+  return walk.AtEnd();
+}
+
+absl::Status CheckUtime(int64_t utime) {
+  if (utime < 0 || utime > kMaxUtime) {
+    return InvalidArgument("time stamp {} us is no plausible time", utime);
+  }
+  return absl::OkStatus();
+}
+
+template <typename Message>
+absl::StatusOr<Message> Decode(MessageType type, absl::Span<const uint8_t> message) {
+  Message decoded;
+  if (!HasRightSize(type, message) ||
+      decoded.decode(message.data(), 0, static_cast<int>(message.size())) < 0) {
+    return InvalidArgument("{} whose counts do not fit its {} bytes", TypeName(type),
+                           message.size());
+  }
+  SPLINEMAP_RETURN_IF_ERROR(CheckUtime(decoded.utime));
+  return decoded;
+}
+
+absl::StatusOr<RangeReadings> DecodePlanarLidar(absl::Span<const uint8_t> bytes) {
+  SPLINEMAP_ASSIGN_OR_RETURN(auto message,
+                             Decode<bot_core::planar_lidar_t>(MessageType::kPlanarLidar, bytes));
+  if (!std::isfinite(message.rad0) || !std::isfinite(message.radstep)) {
+    return InvalidArgument("planar_lidar_t whose rad0 or radstep is not finite");
+  }
+  RangeReadings readings;
+  readings.utime = Utime(message.utime);
+  readings.bearings_rad.reserve(message.ranges.size());
+  for (size_t k = 0; k < message.ranges.size(); ++k) {
+    readings.bearings_rad.push_back(
+        static_cast<float>(double{message.rad0} + static_cast<double>(k) * message.radstep));
+  }
+  readings.ranges_m = std::move(message.ranges);
+  return readings;
+}
+
+absl::StatusOr<RangeReadings> DecodeMichiganLidar(absl::Span<const uint8_t> bytes) {
+  SPLINEMAP_ASSIGN_OR_RETURN(auto message,
+                             Decode<michigan::lidar_t>(MessageType::kMichiganLidar, bytes));
+  RangeReadings readings;
+  readings.utime = Utime(message.utime);
+  readings.ranges_m = std::move(message.ranges);
+  readings.bearings_rad = std::move(message.thetas);
+  readings.beam_utimes.reserve(message.times.size());
+  for (const int64_t utime : message.times) {
+    SPLINEMAP_RETURN_IF_ERROR(CheckUtime(utime));
+    readings.beam_utimes.emplace_back(utime);
+  }
+  return readings;
+}
+
+absl::StatusOr<TimedPose> DecodeBotCorePose(absl::Span<const uint8_t> bytes) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto message,
+                             Decode<bot_core::pose_t>(MessageType::kPose, bytes));
+  const double* q = message.orientation;
+  const double squared_norm = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
+  if (!(std::abs(std::sqrt(squared_norm) - 1) < 0.01)) {
+    return InvalidArgument("pose_t whose orientation is no unit quaternion: {} {} {} {}", q[0],
+                           q[1], q[2], q[3]);
+  }
+  return TimedPose{Utime(message.utime),
+                   {{message.pos[0], message.pos[1]}, YawOfQuaternion(q[0], q[1], q[2], q[3])}};
+}
+
+absl::StatusOr<TimedPose> DecodeMichiganPose(absl::Span<const uint8_t> bytes) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto message,
+                             Decode<michigan::pose_xyt_t>(MessageType::kMichiganPose, bytes));
+  return TimedPose{Utime(message.utime),
+                   {{double{message.x}, double{message.y}}, double{message.theta}}};
+}
+
+absl::Status UnknownType(absl::Span<const uint8_t> message, const char* expected) {
+  const auto fingerprint = FingerprintOf(message);
+  if (!fingerprint) return InvalidArgument("{} bytes that are no LCM message", message.size());
+  return InvalidArgument("message of fingerprint {:#018x}; {}", *fingerprint, expected);
+}
+
+}  // namespace
+
+const char* TypeName(MessageType type) {
+  switch (type) {
+    case MessageType::kPlanarLidar:
+      return "bot_core.planar_lidar_t";
+    case MessageType::kPose:
+      return "bot_core.pose_t";
+    case MessageType::kMichiganLidar:
+      return "lidar_t";
+    case MessageType::kMichiganPose:
+      return "pose_xyt_t";
+    case MessageType::kStatus:
+      return "splinemap.status_t";
+  }
+  return "unknown";
+}
+
+bool IsScan(MessageType type) {
+  return type == MessageType::kPlanarLidar || type == MessageType::kMichiganLidar;
+}
+
+bool IsPose(MessageType type) {
+  return type == MessageType::kPose || type == MessageType::kMichiganPose;
+}
+
+std::optional<uint64_t> FingerprintOf(absl::Span<const uint8_t> message) {
+  if (message.size() < kFingerprintBytes) return std::nullopt;
+  uint64_t fingerprint = 0;
+  for (size_t k = 0; k < kFingerprintBytes; ++k) fingerprint = (fingerprint << 8) | message[k];
+  return fingerprint;
+}
+
+std::optional<MessageType> TypeOf(absl::Span<const uint8_t> message) {
+  const auto fingerprint = FingerprintOf(message);
+  if (!fingerprint) return std::nullopt;
+  const auto hash = static_cast<int64_t>(*fingerprint);
+  if (hash == bot_core::planar_lidar_t::getHash()) return MessageType::kPlanarLidar;
+  if (hash == bot_core::pose_t::getHash()) return MessageType::kPose;
+  if (hash == michigan::lidar_t::getHash()) return MessageType::kMichiganLidar;
+  if (hash == michigan::pose_xyt_t::getHash()) return MessageType::kMichiganPose;
+  if (hash == status_t::getHash()) return MessageType::kStatus;
+  return std::nullopt;
+}
+
+absl::StatusOr<RangeReadings> DecodeScan(absl::Span<const uint8_t> message) {
+  const auto type = TypeOf(message);
+  if (type == MessageType::kPlanarLidar) return DecodePlanarLidar(message);
+  if (type == MessageType::kMichiganLidar) return DecodeMichiganLidar(message);
+  return UnknownType(message, "scans are bot_core.planar_lidar_t or Michigan's lidar_t");
+}
+
+absl::StatusOr<TimedPose> DecodePose(absl::Span<const uint8_t> message) {
+  const auto type = TypeOf(message);
+  absl::StatusOr<TimedPose> pose = type == MessageType::kPose ? DecodeBotCorePose(message)
+                                   : type == MessageType::kMichiganPose
+                                       ? DecodeMichiganPose(message)
+                                       : UnknownType(message,
+                                                     "poses are bot_core.pose_t or "
+                                                     "Michigan's pose_xyt_t");
+  if (pose.ok() &&
+      !(pose->world_T_robot.position_m.allFinite() && std::isfinite(pose->world_T_robot.yaw_rad))) {
+    return InvalidArgument("pose that is not finite");
+  }
+  return pose;
+}
+
+absl::StatusOr<status_t> DecodeStatus(absl::Span<const uint8_t> message) {
+  if (TypeOf(message) != MessageType::kStatus) {
+    return UnknownType(message, "expected a splinemap.status_t");
+  }
+  return Decode<status_t>(MessageType::kStatus, message);
+}
+
+}  // namespace splinemap

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "absl/types/span.h"
+#include "lcmtypes/splinemap/status_t.hpp"
+#include "lib/sensing/pose_buffer.h"
+#include "lib/sensing/scan.h"
+
+namespace splinemap {
+
+// The types of message that splinemap reads. Each stands for a family: an LCM fingerprint covers
+// member names and types, not the names of struct and package.
+enum class MessageType { kPlanarLidar, kPose, kMichiganLidar, kMichiganPose, kStatus };
+
+// As users know it: "bot_core.planar_lidar_t", ...
+const char* TypeName(MessageType type);
+bool IsScan(MessageType type);
+bool IsPose(MessageType type);
+
+// The first eight bytes, or nothing where there are fewer.
+std::optional<uint64_t> FingerprintOf(absl::Span<const uint8_t> message);
+std::optional<MessageType> TypeOf(absl::Span<const uint8_t> message);
+
+// Decode what any process may have put on the bus. Every count is checked against the bytes
+// received before anything is allocated. InvalidArgument in words for another type, a wrong size, a
+// time stamp that is negative or beyond the year 2200, a pose that is not finite or whose
+// quaternion is not of unit length (to 1 %).
+absl::StatusOr<RangeReadings> DecodeScan(absl::Span<const uint8_t> message);
+absl::StatusOr<TimedPose> DecodePose(absl::Span<const uint8_t> message);
+absl::StatusOr<status_t> DecodeStatus(absl::Span<const uint8_t> message);
+
+}  // namespace splinemap

@@ -1,0 +1,53 @@
+#include "lib/wire/lcm_bus.h"
+
+#include <cctype>
+
+#include "lib/base/status.h"
+
+namespace splinemap {
+namespace {
+
+// Messages that LCM keeps per subscription until Handle() gets to them; beyond, it drops the newest
+// in silence.
+constexpr int kQueueCapacity = 10'000;
+
+// LCM takes a channel for a regular expression ^channel$, without a group around it.
+std::string Literal(const std::string& channel) {
+  std::string escaped;
+  for (const char c : channel) {
+    if (!std::isalnum(static_cast<unsigned char>(c)) && c != '_') escaped += '\\';
+    escaped += c;
+  }
+  return escaped;
+}
+
+void Forward(const lcm::ReceiveBuffer* buffer, const std::string& channel,
+             LcmBus::Handler* handler) {
+  (*handler)(channel, {static_cast<const uint8_t*>(buffer->data), buffer->data_size});
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<LcmBus>> LcmBus::Open(const std::string& url) {
+  std::unique_ptr<LcmBus> bus(new LcmBus(url));
+  if (!bus->lcm_.good()) {
+    return Unavailable(
+        "cannot open the LCM bus {}; for udpm, is there a multicast route? Try: sudo ip route add "
+        "224.0.0.0/4 dev lo",
+        url.empty() ? "(default)" : url);
+  }
+  return bus;
+}
+
+void LcmBus::Subscribe(const std::string& channel, Handler handler) {
+  handlers_.push_back(std::make_unique<Handler>(std::move(handler)));
+  lcm::Subscription* subscription =
+      lcm_.subscribeFunction(Literal(channel), &Forward, handlers_.back().get());
+  subscription->setQueueCapacity(kQueueCapacity);
+}
+
+bool LcmBus::Handle(std::chrono::milliseconds timeout) {
+  return lcm_.handleTimeout(static_cast<int>(timeout.count())) > 0;
+}
+
+}  // namespace splinemap

@@ -1,0 +1,127 @@
+#include <pthread.h>
+#include <signal.h>
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <ctime>
+
+#include "lib/base/status.h"
+#include "lib/config/checked_text.h"
+#include "lib/config/flags.h"
+#include "services/splinemapd/daemon.h"
+
+namespace splinemap {
+namespace {
+
+constexpr int kFailed = 1;
+constexpr int kUsage = 2;
+
+struct Flags {
+  InputFlags input;
+  std::string lcm_url;
+  std::string map;
+  bool check_config = false;
+  bool print_config = false;
+};
+
+constexpr const char* kExamples = R"(
+Examples:
+  splinemapd --scan LASER --pose POSE
+  splinemapd --scan LIDAR:michigan_2017,time_offset_ms=-250 --pose SLAM_POSE --map lab.splinemap
+  splinemapd --config splinemapd.textproto --check-config
+
+Maps until SIGINT or SIGTERM. Without --map the map is NAME.splinemap in this directory; an existing
+file is continued. Exit status: 0 ended by signal and saved, 1 failed, 2 usage or configuration.)";
+
+void AddFlags(CLI::App& app, Flags& flags) {
+  app.footer(kExamples);
+  app.set_version_flag("--version", SPLINEMAP_VERSION);
+  AddInputFlags(app, flags.input);
+  app.add_option("--map", flags.map, "Map file (default: NAME.splinemap)")->type_name("FILE");
+  app.add_option("--lcm-url", flags.lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
+      ->type_name("URL");
+  app.add_flag("--check-config", flags.check_config, "Check flags and configuration, and end");
+  app.add_flag("--print-config", flags.print_config,
+               "Print the configuration with every option explained, and end");
+}
+
+absl::StatusOr<config::Config> ConfigOf(const Flags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(config::Config config, splinemap::ConfigOf(flags.input));
+  if (!flags.map.empty()) config.set_map(flags.map);
+  if (!flags.lcm_url.empty()) config.set_lcm_url(flags.lcm_url);
+  return config;
+}
+
+// SIGINT and SIGTERM, blocked in all threads and taken by Wait().
+class EndSignals {
+ public:
+  EndSignals() {
+    sigemptyset(&set_);
+    sigaddset(&set_, SIGINT);
+    sigaddset(&set_, SIGTERM);
+    pthread_sigmask(SIG_BLOCK, &set_, nullptr);
+  }
+  // True where a signal came within a second.
+  bool Wait() const {
+    const timespec second{1, 0};
+    return sigtimedwait(&set_, nullptr, &second) > 0;
+  }
+
+ private:
+  sigset_t set_;
+};
+
+int Run(const config::Config& config) {
+  const EndSignals end_signals;
+  absl::StatusOr<std::unique_ptr<Daemon>> daemon = Daemon::Start(config);
+  if (!daemon.ok()) {
+    spdlog::error("{}", ErrorText(daemon.status()));
+    return kFailed;
+  }
+  do {
+    (*daemon)->PublishStatus();
+  } while (!end_signals.Wait());
+  if (absl::Status status = (*daemon)->Stop(); !status.ok()) {
+    spdlog::error("the map is not saved: {}", ErrorText(status));
+    return kFailed;
+  }
+  return 0;
+}
+
+int Main(int argc, char** argv) {
+  spdlog::set_default_logger(spdlog::stderr_color_mt("splinemapd"));
+  spdlog::set_pattern("%H:%M:%S %^%l%$ %v");
+  CLI::App app("splinemapd: maps LCM scans and poses into a continuous occupancy map.");
+  Flags flags;
+  AddFlags(app, flags);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : kUsage;
+  }
+  const absl::StatusOr<config::Config> config = ConfigOf(flags);
+  if (!config.ok()) {
+    std::fprintf(stderr, "%s\n", ErrorText(config.status()).c_str());
+    return kUsage;
+  }
+  if (flags.print_config) {
+    std::fputs(PrintDocumented(*config).c_str(), stdout);
+    return 0;
+  }
+  if (absl::Status status = CheckConfig(*config); !status.ok()) {
+    std::fprintf(stderr, "%s\n", ErrorText(status).c_str());
+    return kUsage;
+  }
+  if (flags.check_config) {
+    std::puts("configuration is fine");
+    return 0;
+  }
+  return Run(*config);
+}
+
+}  // namespace
+}  // namespace splinemap
+
+int main(int argc, char** argv) { return splinemap::Main(argc, argv); }
