@@ -25,7 +25,7 @@ const std::vector<std::pair<std::string, std::string>>& Presets() {
   static const auto* presets = new std::vector<std::pair<std::string, std::string>>{
       {"bot_core", ""},
       {"michigan_2014", "bearing_sign: -1 beam_times: true"},
-      {"michigan_2017", "bearing_sign: -1 time_offset_ms: -200 scan_duration_ms: 100"},
+      {"michigan_2017", "bearing_sign: -1 time_offset_ms: -150 scan_duration_ms: 100"},
       {"mbot_2024", "bearing_sign: 1 scan_duration_ms: -100"},
   };
   return *presets;

@@ -3,9 +3,7 @@
 #include <xxhash.h>
 #include <zstd.h>
 
-#include <array>
 #include <bit>
-#include <cstring>
 
 #include "lib/base/status.h"
 
@@ -18,12 +16,6 @@ static_assert(std::endian::native == std::endian::little,
 constexpr int kZstdLevel = 3;
 constexpr size_t kTileBytes = sizeof(Tile::control_points);
 
-// What a neighbour to the left, or in the first column below, suggests for control point k.
-int Predict(const std::array<ControlPoint, Tile::kSize>& c, int k) {
-  if (k % Tile::kSide != 0) return c[k - 1];
-  return k >= Tile::kSide ? c[k - Tile::kSide] : 0;
-}
-
 }  // namespace
 
 uint64_t TileChecksum(TileKey key, const Tile& tile) {
@@ -33,34 +25,19 @@ uint64_t TileChecksum(TileKey key, const Tile& tile) {
 }
 
 std::string EncodeTile(const Tile& tile) {
-  std::array<uint8_t, kTileBytes> bytes;
-  for (int k = 0; k < Tile::kSize; ++k) {
-    const auto residual =
-        static_cast<int16_t>(tile.control_points[k] - Predict(tile.control_points, k));
-    // Zigzag: small residuals of either sign have a high byte of 0.
-    const auto folded = static_cast<uint16_t>((residual << 1) ^ (residual >> 15));
-    bytes[k] = static_cast<uint8_t>(folded);
-    bytes[Tile::kSize + k] = static_cast<uint8_t>(folded >> 8);
-  }
-  std::string content(ZSTD_compressBound(bytes.size()), '\0');
-  const size_t size =
-      ZSTD_compress(content.data(), content.size(), bytes.data(), bytes.size(), kZstdLevel);
-  content.resize(size);
+  std::string content(ZSTD_compressBound(kTileBytes), '\0');
+  content.resize(ZSTD_compress(content.data(), content.size(), tile.control_points.data(),
+                               kTileBytes, kZstdLevel));
   return content;
 }
 
 absl::StatusOr<Tile> DecodeTile(const std::string& content) {
-  std::array<uint8_t, kTileBytes> bytes;
-  const size_t size = ZSTD_decompress(bytes.data(), bytes.size(), content.data(), content.size());
-  if (ZSTD_isError(size)) return DataLoss("tile content: {}", ZSTD_getErrorName(size));
-  if (size != bytes.size()) {
-    return DataLoss("tile content has {} bytes in place of {}", size, bytes.size());
-  }
   Tile tile;
-  for (int k = 0; k < Tile::kSize; ++k) {
-    const int folded = bytes[k] | (bytes[Tile::kSize + k] << 8);
-    const int residual = (folded >> 1) ^ -(folded & 1);
-    tile.control_points[k] = static_cast<ControlPoint>(Predict(tile.control_points, k) + residual);
+  const size_t size =
+      ZSTD_decompress(tile.control_points.data(), kTileBytes, content.data(), content.size());
+  if (ZSTD_isError(size)) return DataLoss("tile content: {}", ZSTD_getErrorName(size));
+  if (size != kTileBytes) {
+    return DataLoss("tile content has {} bytes in place of {}", size, kTileBytes);
   }
   return tile;
 }

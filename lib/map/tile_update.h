@@ -26,7 +26,8 @@ absl::StatusOr<Tile> TileOfUpdate(const TileUpdate& update);
 // XXH3 (64 bits) over key and control points, little-endian.
 uint64_t TileChecksum(TileKey key, const Tile& tile);
 
-// zstd of the tile's differences; see the definition. About 0.6 of the size of zstd of the tile.
+// zstd of the control points, row-major, little-endian. Predicting each from its neighbours first
+// gains 14 % on some maps and loses 5 % on others.
 std::string EncodeTile(const Tile& tile);
 absl::StatusOr<Tile> DecodeTile(const std::string& content);
 

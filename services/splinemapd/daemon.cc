@@ -43,10 +43,10 @@ absl::Status CheckMethod(const config::Method& method, const MapOptions& file, s
 
 }  // namespace
 
-absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& config) {
+absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& config,
+                                                      std::unique_ptr<LcmBus> bus) {
   SPLINEMAP_RETURN_IF_ERROR(CheckConfig(config));
   SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(MapPath(config)));
-  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(config.lcm_url()));
   std::unique_ptr<Daemon> daemon(new Daemon(config, std::move(bus), std::move(file)));
   SPLINEMAP_RETURN_IF_ERROR(daemon->OpenMap());
   daemon->saving_ = std::jthread([d = daemon.get()](std::stop_token s) { d->SaveNowAndThen(s); });

@@ -24,9 +24,10 @@ namespace splinemap {
 // status.
 class Daemon {
  public:
-  // Opens map file and bus and begins to map. The new incarnation of the layer is on disk before
-  // anything is published. Errors say what stands in the way.
-  static absl::StatusOr<std::unique_ptr<Daemon>> Start(const config::Config& config);
+  // Opens the map file and begins to map what comes on `bus`. The new incarnation of the layer is
+  // on disk before anything is published. Errors say what stands in the way.
+  static absl::StatusOr<std::unique_ptr<Daemon>> Start(const config::Config& config,
+                                                       std::unique_ptr<LcmBus> bus);
 
   // As Stop(), with errors logged.
   ~Daemon();

@@ -73,21 +73,14 @@ class EndSignals {
   sigset_t set_;
 };
 
-int Run(const config::Config& config) {
+absl::Status Run(const config::Config& config) {
   const EndSignals end_signals;
-  absl::StatusOr<std::unique_ptr<Daemon>> daemon = Daemon::Start(config);
-  if (!daemon.ok()) {
-    spdlog::error("{}", ErrorText(daemon.status()));
-    return kFailed;
-  }
+  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(config.lcm_url()));
+  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<Daemon> daemon, Daemon::Start(config, std::move(bus)));
   do {
-    (*daemon)->PublishStatus();
+    daemon->PublishStatus();
   } while (!end_signals.Wait());
-  if (absl::Status status = (*daemon)->Stop(); !status.ok()) {
-    spdlog::error("the map is not saved: {}", ErrorText(status));
-    return kFailed;
-  }
-  return 0;
+  return daemon->Stop();
 }
 
 int Main(int argc, char** argv) {
@@ -118,7 +111,11 @@ int Main(int argc, char** argv) {
     std::puts("configuration is fine");
     return 0;
   }
-  return Run(*config);
+  if (absl::Status status = Run(*config); !status.ok()) {
+    spdlog::error("{}", ErrorText(status));
+    return kFailed;
+  }
+  return 0;
 }
 
 }  // namespace

@@ -1,0 +1,183 @@
+#include "services/splinemapd/daemon.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <numbers>
+#include <thread>
+
+#include "lib/store/map_file.h"
+#include "lib/wire/encode.h"
+#include "tests/support/temporary_directory.h"
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::steady_clock;
+
+// A daemon on a bus inside this process.
+class DaemonTest : public testing::Test {
+ protected:
+  DaemonTest() {
+    config_.set_name("robot");
+    config_.set_map(directory_.File("robot.splinemap"));
+    config_.set_pose("POSE");
+    config_.add_scan()->set_channel("LASER");
+    config_.mutable_service()->set_save_interval_s(0.1);
+  }
+
+  void Start() {
+    auto bus = LcmBus::Open("memq://");
+    ASSERT_TRUE(bus.ok()) << bus.status();
+    bus_ = bus->get();
+    bus_->Subscribe("SPLINEMAP_STATUS", [this](const std::string&, absl::Span<const uint8_t> m) {
+      MutexLock lock(mutex_);
+      statuses_.push_back(*DecodeStatus(m));
+    });
+    auto daemon = Daemon::Start(config_, *std::move(bus));
+    ASSERT_TRUE(daemon.ok()) << daemon.status();
+    daemon_ = *std::move(daemon);
+  }
+
+  // A robot that drives a circle in a round room of 3 m.
+  void Drive(int scans, int64_t first_ms = 0) {
+    for (int n = 0; n < scans; ++n) {
+      const Utime utime = milliseconds(first_ms + 100 * n);
+      const double angle = 0.1 * n;
+      const Pose2 pose{{std::cos(angle), std::sin(angle)}, angle};
+      bus_->Publish("POSE", PoseMessage({utime, pose}));
+      std::vector<float> ranges_m;
+      for (int k = 0; k < 90; ++k) {
+        const double bearing = angle + k * 2 * std::numbers::pi / 90;
+        const double along =
+            pose.position_m.x() * std::cos(bearing) + pose.position_m.y() * std::sin(bearing);
+        ranges_m.push_back(static_cast<float>(std::sqrt(along * along + 8) - along));
+      }
+      bus_->Publish("LASER",
+                    PlanarLidarMessage(utime, std::move(ranges_m), 0, 2 * std::numbers::pi / 90));
+    }
+  }
+
+  // The newest status that `is_right`, waiting for it up to ten seconds.
+  template <typename Condition>
+  status_t AwaitStatus(Condition is_right) {
+    const auto deadline = steady_clock::now() + std::chrono::seconds(10);
+    while (steady_clock::now() < deadline) {
+      daemon_->PublishStatus();
+      std::this_thread::sleep_for(milliseconds(20));
+      MutexLock lock(mutex_);
+      if (!statuses_.empty() && is_right(statuses_.back())) return statuses_.back();
+    }
+    ADD_FAILURE() << "no such status within ten seconds";
+    return {};
+  }
+
+  std::shared_ptr<const MapSnapshot> SavedMap() const {
+    const auto loaded = ReadMapFile(config_.map());
+    EXPECT_TRUE(loaded.ok()) << loaded.status();
+    return loaded.ok() ? loaded->map : nullptr;
+  }
+
+  TemporaryDirectory directory_;
+  config::Config config_;
+  Mutex mutex_;
+  std::vector<status_t> statuses_ ABSL_GUARDED_BY(mutex_);
+  LcmBus* bus_ = nullptr;
+  std::unique_ptr<Daemon> daemon_;
+};
+
+TEST_F(DaemonTest, MapsAndSaysWhatItDid) {
+  Start();
+  Drive(50);
+  bus_->Publish("LASER", PoseMessage({Utime(0), {}}));  // a message of the wrong type
+  const status_t status = AwaitStatus([](const status_t& s) { return s.messages_received == 101; });
+  EXPECT_EQ(status.name, "robot");
+  EXPECT_EQ(status.incarnation, 1);
+  EXPECT_EQ(status.scans_received, 51);
+  EXPECT_EQ(status.poses_received, 50);
+  EXPECT_EQ(status.scans_mapped, 50);
+  EXPECT_EQ(status.revision, 50);
+  EXPECT_EQ(status.newest_scan_utime, 4'900'000);
+  EXPECT_GE(status.newest_scan_age_s, 0);
+  EXPECT_GT(status.tiles, 0);
+  ASSERT_EQ(status.num_drop_reasons, 1);
+  EXPECT_EQ(status.drop_reasons[0], "malformed_scan");
+  EXPECT_EQ(status.messages_dropped, 1);
+  EXPECT_NE(status.last_problem, "");
+}
+
+TEST_F(DaemonTest, SavesWhileItRuns) {
+  Start();
+  Drive(20);
+  AwaitStatus([](const status_t& s) { return s.saved_revision == 20; });
+  EXPECT_EQ(SavedMap()->layers[0].revision, 20u);
+  EXPECT_GT(SavedMap()->Evaluate(3, 0).log_odds, 0);
+  EXPECT_LT(SavedMap()->Evaluate(0, 0).log_odds, 0);
+}
+
+TEST_F(DaemonTest, StopMapsAndSavesWhatWasReceived) {
+  config_.mutable_service()->set_save_interval_s(3600);
+  Start();
+  Drive(200);
+  ASSERT_TRUE(daemon_->Stop().ok());
+  EXPECT_EQ(SavedMap()->layers[0].revision, 200u);
+  EXPECT_TRUE(daemon_->Stop().ok()) << "a second time does nothing";
+}
+
+TEST_F(DaemonTest, ANewLifeIsOnDiskAtOnceAndGoesOnWithTheMap) {
+  Start();
+  const auto first = SavedMap();
+  EXPECT_EQ(first->layers[0].epoch.incarnation, 1u);
+  Drive(30);
+  ASSERT_TRUE(daemon_->Stop().ok());
+  daemon_.reset();
+
+  Start();
+  const auto second = SavedMap();
+  ASSERT_EQ(second->layers.size(), 1u);
+  EXPECT_EQ(second->layers[0].id, first->layers[0].id);
+  EXPECT_EQ(second->layers[0].epoch.incarnation, 2u);
+  EXPECT_NE(second->layers[0].epoch.nonce, first->layers[0].epoch.nonce);
+  Drive(30, 100'000);
+  ASSERT_TRUE(daemon_->Stop().ok());
+  EXPECT_EQ(SavedMap()->layers[0].revision, 60u);
+}
+
+TEST_F(DaemonTest, AnotherNameIsAnotherLayerOfTheFile) {
+  Start();
+  Drive(10);
+  daemon_.reset();
+  const auto before = SavedMap();
+  config_.set_name("other");
+  Start();
+  Drive(10);
+  daemon_.reset();
+  const auto after = SavedMap();
+  ASSERT_EQ(after->layers.size(), 2u);
+  EXPECT_EQ(after->layers[0].revision, before->layers[0].revision);
+  EXPECT_EQ(after->layers[1].id.name, "other");
+}
+
+TEST_F(DaemonTest, AMapOfAnotherKnotIntervalIsRefusedInWords) {
+  Start();
+  daemon_.reset();
+  config_.mutable_method()->set_knot_interval_m(0.1);
+  const auto status = Daemon::Start(config_, *LcmBus::Open("memq://")).status();
+  EXPECT_TRUE(absl::IsFailedPrecondition(status));
+  EXPECT_NE(std::string(status.message()).find("knot_interval_m 0.05"), std::string::npos)
+      << status;
+  config_.mutable_method()->clear_knot_interval_m();
+  EXPECT_TRUE(Daemon::Start(config_, *LcmBus::Open("memq://")).ok()) << "unset: as the file says";
+}
+
+TEST_F(DaemonTest, ErrorsAtTheStartAreReturned) {
+  config_.set_map(directory_.File("no/such/folder/map"));
+  EXPECT_FALSE(Daemon::Start(config_, *LcmBus::Open("memq://")).ok());
+  config_.clear_pose();
+  EXPECT_FALSE(Daemon::Start(config_, *LcmBus::Open("memq://")).ok());
+}
+
+}  // namespace
+}  // namespace splinemap

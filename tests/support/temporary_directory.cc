@@ -1,0 +1,19 @@
+#include "tests/support/temporary_directory.h"
+
+#include <cstdlib>
+#include <filesystem>
+#include <stdexcept>
+
+namespace splinemap {
+
+TemporaryDirectory::TemporaryDirectory()
+    : path_((std::filesystem::temp_directory_path() / "splinemap_test_XXXXXX").string()) {
+  if (mkdtemp(path_.data()) == nullptr) throw std::runtime_error("no temporary directory");
+}
+
+TemporaryDirectory::~TemporaryDirectory() {
+  std::error_code ignored;
+  std::filesystem::remove_all(path_, ignored);
+}
+
+}  // namespace splinemap

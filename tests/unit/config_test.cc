@@ -1,0 +1,154 @@
+#include "lib/config/config.h"
+
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "lib/config/checked_text.h"
+#include "tests/support/temporary_directory.h"
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+
+std::string ErrorOf(const std::string& text) {
+  config::Config config;
+  return std::string(ParseCheckedText(text, "file", &config).message());
+}
+
+TEST(CheckedTextTest, ErrorsNameLineAndColumn) {
+  EXPECT_EQ(ErrorOf("name: \"a\"\npose: 3\n").substr(0, 9), "file:2:7:");
+  EXPECT_EQ(ErrorOf("name: \"a\"\n  nmae: \"b\"\n").substr(0, 7), "file:2:");
+  EXPECT_EQ(ErrorOf("method {\n  knot_interval_m: 0\n}"),
+            "file:2:3: knot_interval_m is 0, allowed: 0.005 .. 10");
+}
+
+TEST(CheckedTextTest, ValuesOutOfRangeAndNotFiniteAreErrors) {
+  for (const char* bad :
+       {"method { knot_interval_m: nan }", "method { knot_interval_m: inf }",
+        "method { kappa_free: 0.3 }", "scan { bearing_sign: 0 }", "scan { no_return: \"maybe\" }",
+        "scan { preset: \"ros\" }", "service { max_queued_mb: 0 }", "scan { x_m: -inf }"}) {
+    EXPECT_NE(ErrorOf(bad), "") << bad;
+  }
+  EXPECT_EQ(ErrorOf("scan { channel: \"A\" bearing_sign: -1 } scan { channel: \"B\" }"), "");
+}
+
+TEST(CheckedTextTest, AllErrorsAreReportedAtOnce) {
+  const std::string errors = ErrorOf("method { kappa_hit: 9 }\nscan { range_max_m: -1 }");
+  EXPECT_NE(errors.find("kappa_hit"), std::string::npos);
+  EXPECT_NE(errors.find("range_max_m"), std::string::npos);
+}
+
+TEST(CheckedTextTest, TheDocumentedPrintParsesToTheSame) {
+  config::Config config;
+  *config.add_scan() = *ParseScanFlag("LIDAR:michigan_2014,x_m=0.1");
+  *config.add_scan() = *ParseScanFlag("REAR");
+  config.set_pose("POSE \"quoted\"");
+  config.mutable_method()->set_kappa_hit(1.5);
+  config::Config parsed;
+  ASSERT_TRUE(ParseCheckedText(PrintDocumented(config), "printed", &parsed).ok());
+  // Groups that were not set are printed empty.
+  config.mutable_timing();
+  config.mutable_service();
+  EXPECT_EQ(parsed.SerializeAsString(), config.SerializeAsString()) << PrintDocumented(config);
+}
+
+TEST(ScanFlagTest, ReadsChannelPresetAndOptions) {
+  const auto scan = ParseScanFlag("LIDAR:michigan_2017,time_offset_ms=-200,no_return=free");
+  ASSERT_TRUE(scan.ok()) << scan.status();
+  EXPECT_EQ(scan->channel(), "LIDAR");
+  EXPECT_EQ(scan->preset(), "michigan_2017");
+  EXPECT_EQ(scan->time_offset_ms(), -200);
+  EXPECT_EQ(ParseScanFlag("LIDAR:x_m=0.25")->x_m(), 0.25);
+  EXPECT_EQ(ParseScanFlag("LIDAR")->preset(), "auto");
+}
+
+TEST(ScanFlagTest, WrongFlagsSayWhatIsWrong) {
+  const auto error = [](const char* flag) {
+    return std::string(ParseScanFlag(flag).status().message());
+  };
+  EXPECT_NE(error("LIDAR:michigan").find("michigan_2014"), std::string::npos);
+  EXPECT_NE(error("LIDAR:x=1").find("x_m"), std::string::npos);
+  EXPECT_NE(error("LIDAR:x_m=far"), "");
+  EXPECT_NE(error("LIDAR:x_m=1e9"), "");
+  EXPECT_NE(error("LIDAR:bot_core,mbot_2024"), "");
+  EXPECT_NE(error(":bot_core"), "");
+}
+
+TEST(PresetTest, ExplicitValuesWinOverThePreset) {
+  const auto scan = ParseScanFlag("LIDAR:michigan_2014,bearing_sign=1");
+  const SensorOptions options = SensorOptionsOf(*scan, scan->preset());
+  EXPECT_EQ(options.bearing_sign, 1);
+  EXPECT_TRUE(options.use_beam_times);
+}
+
+TEST(PresetTest, EachPresetParses) {
+  EXPECT_EQ(PresetNames().size(), 4u);
+  config::Scan scan;
+  EXPECT_EQ(SensorOptionsOf(scan, "bot_core").bearing_sign, 1);
+  EXPECT_EQ(SensorOptionsOf(scan, "michigan_2014").bearing_sign, -1);
+  EXPECT_EQ(SensorOptionsOf(scan, "michigan_2017").time_offset, milliseconds(-150));
+  EXPECT_EQ(SensorOptionsOf(scan, "mbot_2024").scan_duration, milliseconds(-100));
+}
+
+TEST(PresetTest, IsToldFromTheFirstMessage) {
+  RangeReadings readings;
+  readings.utime = milliseconds(1000);
+  EXPECT_EQ(DetectPreset(true, readings), "bot_core");
+  readings.beam_utimes = {milliseconds(1000), milliseconds(1150)};
+  EXPECT_EQ(DetectPreset(false, readings), "michigan_2014");
+  readings.beam_utimes = {milliseconds(900), milliseconds(1000)};
+  EXPECT_EQ(DetectPreset(false, readings), "mbot_2024");
+  readings.beam_utimes = {milliseconds(1001), milliseconds(1001)};
+  EXPECT_EQ(DetectPreset(false, readings), "michigan_2017");
+}
+
+TEST(CheckConfigTest, WantsAScanAndAPoseChannel) {
+  config::Config config;
+  EXPECT_NE(std::string(CheckConfig(config).message()).find("--scan"), std::string::npos);
+  config.add_scan()->set_channel("LASER");
+  EXPECT_NE(std::string(CheckConfig(config).message()).find("--pose"), std::string::npos);
+  config.set_pose("POSE");
+  EXPECT_TRUE(CheckConfig(config).ok());
+}
+
+TEST(CheckConfigTest, RefusesWhatCannotWork) {
+  config::Config config;
+  config.set_pose("POSE");
+  config::Scan& scan = *config.add_scan();
+  scan.set_channel("POSE");
+  EXPECT_FALSE(CheckConfig(config).ok()) << "one channel for two purposes";
+  scan.set_channel("LASER");
+  scan.set_range_max_m(1000);
+  EXPECT_FALSE(CheckConfig(config).ok()) << "20,000 knot intervals";
+  scan.set_range_max_m(0.2);
+  scan.set_range_min_m(0.2);
+  EXPECT_FALSE(CheckConfig(config).ok()) << "no range left";
+}
+
+TEST(LoadConfigTest, NamesTheFile) {
+  const TemporaryDirectory directory;
+  EXPECT_TRUE(absl::IsNotFound(LoadConfig(directory.File("none")).status()));
+  std::ofstream(directory.File("bad")) << "pose: \"P\"\nscans {}\n";
+  const auto status = LoadConfig(directory.File("bad")).status();
+  EXPECT_NE(std::string(status.message()).find("bad:2:"), std::string::npos) << status;
+}
+
+TEST(DefaultsTest, AreThoseOfThePaper) {
+  const config::Config config;
+  EXPECT_EQ(MapOptionsOf(config.method()), MapOptions());
+  EXPECT_EQ(MapOptions().knot_interval_m, 0.05);
+  EXPECT_EQ(MapOptions().limits.max, 100 * kUnitsPerLogOdds);
+  const BeamModelOptions beam = BeamModelOptionsOf(config.method());
+  EXPECT_EQ(beam.kappa_hit, 0.9);
+  EXPECT_EQ(beam.kappa_free, -0.3);
+  EXPECT_EQ(beam.free_sample_spacing_knots, 1.41);
+  const SensorOptions sensor = SensorOptionsOf({}, "bot_core");
+  EXPECT_EQ(sensor.range_min_m, 0.05);
+  EXPECT_EQ(sensor.range_max_m, 30);
+  EXPECT_FALSE(sensor.no_return_is_free);
+}
+
+}  // namespace
+}  // namespace splinemap

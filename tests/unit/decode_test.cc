@@ -1,0 +1,179 @@
+#include "lib/wire/decode.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <random>
+#include <vector>
+
+#include "lcmtypes/bot_core/planar_lidar_t.hpp"
+#include "lcmtypes/bot_core/pose_t.hpp"
+#include "lcmtypes/michigan/lidar_t.hpp"
+#include "lcmtypes/michigan/pose_xyt_t.hpp"
+#include "lib/wire/encode.h"
+
+namespace splinemap {
+namespace {
+
+template <typename Message>
+std::vector<uint8_t> Encode(const Message& message) {
+  std::vector<uint8_t> bytes(message.getEncodedSize());
+  message.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+  return bytes;
+}
+
+michigan::lidar_t MichiganScan() {
+  michigan::lidar_t message;
+  message.utime = 5'000'000;
+  message.num_ranges = 2;
+  message.ranges = {1, 2};
+  message.thetas = {0, 3};
+  message.times = {5'000'000, 5'100'000};
+  message.intensities = {7, 8};
+  return message;
+}
+
+status_t Status() {
+  status_t status{};
+  status.utime = 1;
+  status.name = "robot";
+  status.version = "1";
+  status.num_drop_reasons = 2;
+  status.drop_reasons = {"late_scan", "overload"};
+  status.drop_counts = {3, 4};
+  status.last_problem = "none";
+  return status;
+}
+
+std::vector<std::vector<uint8_t>> OneOfEach() {
+  bot_core::planar_lidar_t planar = PlanarLidarMessage(Utime(1), {1, 2, 3}, -1, 0.5);
+  planar.nintensities = 1;  // may differ from nranges
+  planar.intensities = {9};
+  michigan::pose_xyt_t pose{};
+  return {Encode(planar), Encode(MichiganScan()), Encode(PoseMessage({Utime(1), {}})), Encode(pose),
+          Encode(Status())};
+}
+
+// Whatever the bytes: no crash, no exception, no memory beyond their size.
+void DecodeAll(const std::vector<uint8_t>& bytes) {
+  (void)DecodeScan(bytes);
+  (void)DecodePose(bytes);
+  (void)DecodeStatus(bytes);
+}
+
+TEST(DecodeTest, FingerprintsAreThoseInUse) {
+  EXPECT_EQ(FingerprintOf(OneOfEach()[0]), 0xe3d17423180b5e8dU);
+  EXPECT_EQ(FingerprintOf(OneOfEach()[1]), 0x89dc5b879a5056cfU);
+  EXPECT_EQ(FingerprintOf(OneOfEach()[2]), 0x2e16efb052b0105eU);
+  EXPECT_EQ(FingerprintOf(OneOfEach()[3]), 0x1f317af1246276acU);
+  EXPECT_EQ(FingerprintOf(std::vector<uint8_t>(7)), std::nullopt);
+}
+
+TEST(DecodeTest, PlanarLidarBearingsFollowFromStartAndStep) {
+  const auto readings = DecodeScan(OneOfEach()[0]);
+  ASSERT_TRUE(readings.ok()) << readings.status();
+  EXPECT_EQ(readings->ranges_m, (std::vector<float>{1, 2, 3}));
+  EXPECT_EQ(readings->bearings_rad, (std::vector<float>{-1, -0.5, 0}));
+  EXPECT_TRUE(readings->beam_utimes.empty());
+}
+
+TEST(DecodeTest, MichiganLidarKeepsBearingsAndBeamTimes) {
+  const auto readings = DecodeScan(OneOfEach()[1]);
+  ASSERT_TRUE(readings.ok()) << readings.status();
+  EXPECT_EQ(readings->utime, Utime(5'000'000));
+  EXPECT_EQ(readings->bearings_rad, (std::vector<float>{0, 3}));
+  EXPECT_EQ(readings->beam_utimes[1], Utime(5'100'000));
+}
+
+TEST(DecodeTest, PosesOfBothFamilies) {
+  const auto pose = DecodePose(Encode(PoseMessage({Utime(9), {{1, 2}, 2.5}})));
+  ASSERT_TRUE(pose.ok()) << pose.status();
+  EXPECT_EQ(pose->utime, Utime(9));
+  EXPECT_EQ(pose->world_T_robot.position_m, Eigen::Vector2d(1, 2));
+  EXPECT_NEAR(pose->world_T_robot.yaw_rad, 2.5, 1e-12);
+
+  michigan::pose_xyt_t xyt{};
+  xyt.utime = 4;
+  xyt.x = 1;
+  xyt.theta = -0.5F;
+  EXPECT_EQ(DecodePose(Encode(xyt))->world_T_robot.yaw_rad, -0.5);
+}
+
+TEST(DecodeTest, StatusRoundTrips) {
+  const auto status = DecodeStatus(Encode(Status()));
+  ASSERT_TRUE(status.ok()) << status.status();
+  EXPECT_EQ(status->drop_reasons, Status().drop_reasons);
+  EXPECT_EQ(status->last_problem, "none");
+}
+
+TEST(DecodeTest, AnotherTypeIsNamedByItsFingerprint) {
+  const auto status = DecodeScan(OneOfEach()[2]).status();
+  EXPECT_TRUE(absl::IsInvalidArgument(status));
+  EXPECT_NE(std::string(status.message()).find("0x2e16efb052b0105e"), std::string::npos) << status;
+}
+
+TEST(DecodeTest, EveryTruncationAndTrailingByteIsRefused) {
+  for (const std::vector<uint8_t>& whole : OneOfEach()) {
+    for (size_t size = 0; size < whole.size(); ++size) {
+      const std::vector<uint8_t> part(whole.begin(), whole.begin() + size);
+      EXPECT_FALSE(DecodeScan(part).ok() || DecodePose(part).ok() || DecodeStatus(part).ok());
+    }
+    std::vector<uint8_t> longer = whole;
+    longer.push_back(0);
+    EXPECT_FALSE(DecodeScan(longer).ok() || DecodePose(longer).ok() || DecodeStatus(longer).ok());
+  }
+}
+
+TEST(DecodeTest, ClaimedCountsAllocateNothing) {
+  // Each aligned group of four bytes in turn claims -1, 2^31 - 1 and 2e9.
+  for (const std::vector<uint8_t>& whole : OneOfEach()) {
+    for (size_t at = 8; at + 4 <= whole.size(); ++at) {
+      for (const uint32_t claim : {0xffffffffU, 0x7fffffffU, 2'000'000'000U}) {
+        std::vector<uint8_t> hostile = whole;
+        for (size_t k = 0; k < 4; ++k)
+          hostile[at + k] = static_cast<uint8_t>(claim >> (24 - 8 * k));
+        DecodeAll(hostile);
+      }
+    }
+  }
+}
+
+TEST(DecodeTest, RandomBytesBehindARealFingerprintDoNoHarm) {
+  std::mt19937_64 random(1);
+  for (int n = 0; n < 20'000; ++n) {
+    std::vector<uint8_t> bytes = OneOfEach()[n % 5];
+    for (int flips = 0; flips < 5; ++flips) {
+      bytes[8 + random() % (bytes.size() - 8)] = static_cast<uint8_t>(random());
+    }
+    DecodeAll(bytes);
+  }
+}
+
+TEST(DecodeTest, ImplausibleValuesAreRefused) {
+  bot_core::pose_t pose = PoseMessage({Utime(1), {}});
+  pose.utime = -1;
+  EXPECT_FALSE(DecodePose(Encode(pose)).ok()) << "negative time";
+  pose.utime = std::numeric_limits<int64_t>::max();
+  EXPECT_FALSE(DecodePose(Encode(pose)).ok()) << "far future";
+  pose.utime = 1;
+  pose.pos[1] = std::nan("");
+  EXPECT_FALSE(DecodePose(Encode(pose)).ok()) << "NaN";
+  pose.pos[1] = 0;
+  pose.orientation[0] = 0;
+  EXPECT_FALSE(DecodePose(Encode(pose)).ok()) << "no unit quaternion";
+  pose.orientation[0] = std::nan("");
+  EXPECT_FALSE(DecodePose(Encode(pose)).ok()) << "NaN quaternion";
+  pose.orientation[0] = 1.005;
+  EXPECT_TRUE(DecodePose(Encode(pose)).ok()) << "within tolerance";
+
+  bot_core::planar_lidar_t planar = PlanarLidarMessage(Utime(1), {1}, 0, 0);
+  planar.radstep = std::numeric_limits<float>::infinity();
+  EXPECT_FALSE(DecodeScan(Encode(planar)).ok());
+  michigan::lidar_t lidar = MichiganScan();
+  lidar.times[1] = -5;
+  EXPECT_FALSE(DecodeScan(Encode(lidar)).ok());
+}
+
+}  // namespace
+}  // namespace splinemap

@@ -1,0 +1,208 @@
+#include "lib/store/map_file.h"
+
+#include <SQLiteCpp/SQLiteCpp.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <random>
+
+#include "tests/support/random_map.h"
+#include "tests/support/temporary_directory.h"
+
+namespace splinemap {
+namespace {
+
+using Content = std::map<std::pair<int, int>, std::pair<Tile, uint64_t>>;
+
+Content ContentOf(const TileTree& tree) {
+  Content content;
+  tree.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    content[{key.tx, key.ty}] = {*entry.tile, entry.revision};
+  });
+  return content;
+}
+
+class MapFileTest : public testing::Test {
+ protected:
+  // One commit on a few tiles, each set to `value` throughout.
+  static void Commit(Layer& layer, ControlPoint value) {
+    layer.BeginCommit();
+    for (int k = -3; k < 4; ++k) layer.EditTile({k, value % 3}).control_points.fill(value);
+  }
+
+  static void ExpectEqual(const MapSnapshot& a, const MapSnapshot& b) {
+    EXPECT_EQ(a.options, b.options);
+    ASSERT_EQ(a.layers.size(), b.layers.size());
+    for (size_t k = 0; k < a.layers.size(); ++k) {
+      EXPECT_EQ(a.layers[k].id, b.layers[k].id);
+      EXPECT_EQ(a.layers[k].epoch, b.layers[k].epoch);
+      EXPECT_EQ(a.layers[k].revision, b.layers[k].revision);
+      EXPECT_EQ(ContentOf(a.layers[k].tiles), ContentOf(b.layers[k].tiles));
+    }
+  }
+
+  TemporaryDirectory directory_;
+  std::string path_ = directory_.File("map.splinemap");
+  Map map_{{0.1, {-2560, 5120}}};
+};
+
+TEST_F(MapFileTest, LoadsWhatWasSaved) {
+  std::mt19937_64 random(1);
+  Layer& a = map_.AddLayer({"robot a", 0xffffffffffffffffU}, {3, 0x8000000000000001U});
+  map_.AddLayer({"robot b", 2}, {1, 7}).BeginCommit();
+  a.BeginCommit();
+  for (int k = 0; k < 50; ++k) a.EditTile(RandomKey(random, 100000)) = RandomTile(random);
+  {
+    auto file = MapFile::Open(path_);
+    ASSERT_TRUE(file.ok()) << file.status();
+    EXPECT_TRUE(*file->IsEmpty());
+    EXPECT_TRUE(absl::IsNotFound(file->Load().status()));
+    ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  }
+  const auto loaded = ReadMapFile(path_);
+  ASSERT_TRUE(loaded.ok()) << loaded.status();
+  EXPECT_TRUE(loaded->damages.empty());
+  ExpectEqual(*loaded->map, *map_.Snapshot());
+}
+
+TEST_F(MapFileTest, IsOneFileWhenClosed) {
+  map_.AddLayer({"robot", 1}, {1, 1});
+  {
+    auto file = MapFile::Open(path_);
+    ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+    EXPECT_TRUE(std::filesystem::exists(path_ + "-wal"));
+  }
+  const std::filesystem::directory_iterator begin(directory_.path());
+  EXPECT_EQ(std::distance(begin, {}), 1);
+}
+
+TEST_F(MapFileTest, SavesOfChangesAddUpToTheMap) {
+  std::mt19937_64 random(2);
+  Layer& layer = map_.AddLayer({"robot", 1}, {1, 1});
+  auto file = MapFile::Open(path_);
+  for (int n = 0; n < 30; ++n) {
+    layer.BeginCommit();
+    layer.EditTile(RandomKey(random, 4)) = RandomTile(random);
+    if (n % 3 == 0) {
+      ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+      ExpectEqual(*ReadMapFile(path_)->map, *map_.Snapshot());
+    }
+  }
+}
+
+TEST_F(MapFileTest, ASecondLifeGoesOnSaving) {
+  Commit(map_.AddLayer({"robot", 1}, {1, 1}), 5);
+  ASSERT_TRUE(MapFile::Open(path_)->Save(*map_.Snapshot()).ok());
+  auto file = MapFile::Open(path_);
+  const auto loaded = file->Load();
+  Map next(loaded->map->options);
+  Layer& layer = next.ContinueLayer(loaded->map->layers[0], {2, 2});
+  layer.BeginCommit();
+  layer.EditTile({9, 9}).control_points[0] = 3;
+  ASSERT_TRUE(file->Save(*next.Snapshot()).ok());
+  ExpectEqual(*ReadMapFile(path_)->map, *next.Snapshot());
+}
+
+// A process is killed while it saves; the file holds one whole save, whichever.
+TEST_F(MapFileTest, AKilledSaverLeavesNoMixture) {
+  for (int round = 0; round < 5; ++round) {
+    const pid_t child = fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      auto file = MapFile::Open(path_);
+      Layer& layer = map_.AddLayer({"robot", 1}, {1, 1});
+      for (ControlPoint value = 1;; value = static_cast<ControlPoint>(value % 1000 + 1)) {
+        layer.BeginCommit();
+        for (int k = 0; k < 40; ++k) layer.EditTile({k, 0}).control_points.fill(value);
+        if (!file->Save(*map_.Snapshot()).ok()) _exit(1);
+      }
+    }
+    while (true) {  // until a first save is there, then a little longer
+      const auto file = ReadMapFile(path_);
+      if (file.ok() && file->map->merged.size() > 0) break;
+      usleep(1000);
+    }
+    usleep(1000 * (3 + 7 * round));
+    kill(child, SIGKILL);
+    int status = 0;
+    waitpid(child, &status, 0);
+    ASSERT_TRUE(WIFSIGNALED(status)) << "the saver failed before it was killed";
+
+    const auto file = MapFile::Open(path_);
+    ASSERT_TRUE(file.ok()) << file.status();
+    const auto loaded = ReadMapFile(path_);
+    ASSERT_TRUE(loaded.ok()) << loaded.status();
+    EXPECT_TRUE(loaded->damages.empty());
+    ASSERT_EQ(loaded->map->merged.size(), 40u);
+    const ControlPoint value = loaded->map->merged.Find({0, 0})->tile->control_points[0];
+    loaded->map->merged.ForEach([&](TileKey, const TileTree::Entry& entry) {
+      for (const ControlPoint c : entry.tile->control_points) ASSERT_EQ(c, value);
+    });
+    std::filesystem::remove(path_);
+    std::filesystem::remove(path_ + "-wal");
+    std::filesystem::remove(path_ + "-shm");
+  }
+}
+
+TEST_F(MapFileTest, AFailedSaveLeavesTheFileAndIsMadeUpForLater) {
+  Layer& layer = map_.AddLayer({"robot", 1}, {1, 1});
+  Commit(layer, 5);
+  auto file = MapFile::Open(path_);
+  ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  const auto before = ReadMapFile(path_);
+  Commit(layer, 6);
+  {
+    SQLite::Database other(path_, SQLite::OPEN_READWRITE);
+    other.exec(
+        "CREATE TRIGGER full BEFORE INSERT ON tile BEGIN SELECT RAISE(FAIL, 'disk full'); END");
+    const absl::Status status = file->Save(*map_.Snapshot());
+    EXPECT_NE(std::string(status.message()).find("disk full"), std::string::npos) << status;
+    ExpectEqual(*ReadMapFile(path_)->map, *before->map);
+    other.exec("DROP TRIGGER full");
+  }
+  ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  ExpectEqual(*ReadMapFile(path_)->map, *map_.Snapshot());
+}
+
+TEST_F(MapFileTest, ADamagedTileIsReportedAndTheRestIsLoaded) {
+  Commit(map_.AddLayer({"robot", 1}, {1, 1}), 5);
+  ASSERT_TRUE(MapFile::Open(path_)->Save(*map_.Snapshot()).ok());
+  {
+    SQLite::Database database(path_, SQLite::OPEN_READWRITE);
+    database.exec("UPDATE tile SET checksum = checksum + 1 WHERE tx = 2");
+    database.exec("UPDATE tile SET content = x'00' WHERE tx = 3");
+  }
+  const auto loaded = ReadMapFile(path_);
+  ASSERT_TRUE(loaded.ok()) << loaded.status();
+  EXPECT_EQ(loaded->damages.size(), 2u);
+  EXPECT_EQ(loaded->map->merged.size(), 5u);
+}
+
+TEST_F(MapFileTest, RefusesWhatIsNoMapInWords) {
+  EXPECT_TRUE(absl::IsNotFound(ReadMapFile(path_).status()));
+  std::ofstream(path_) << std::string(5000, 'x');
+  EXPECT_TRUE(absl::IsInvalidArgument(ReadMapFile(path_).status())) << ReadMapFile(path_).status();
+  EXPECT_TRUE(absl::IsInvalidArgument(MapFile::Open(path_).status()));
+
+  const std::string foreign = directory_.File("foreign");
+  SQLite::Database(foreign, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE)
+      .exec("CREATE TABLE t (x)");
+  EXPECT_NE(std::string(MapFile::Open(foreign).status().message()).find("another program"),
+            std::string::npos);
+  EXPECT_FALSE(MapFile::Open(directory_.File("no/such/folder")).ok());
+}
+
+TEST_F(MapFileTest, RefusesANewerSchema) {
+  map_.AddLayer({"robot", 1}, {1, 1});
+  ASSERT_TRUE(MapFile::Open(path_)->Save(*map_.Snapshot()).ok());
+  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 2");
+  EXPECT_TRUE(absl::IsFailedPrecondition(MapFile::Open(path_).status()));
+}
+
+}  // namespace
+}  // namespace splinemap

@@ -1,0 +1,189 @@
+#include "lib/map/map.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <limits>
+#include <map>
+#include <memory>
+#include <random>
+#include <thread>
+#include <vector>
+
+#include "lib/base/mutex.h"
+#include "tests/support/random_map.h"
+
+namespace splinemap {
+namespace {
+
+constexpr ControlLimits kLimits;
+
+TEST(ControlPointTest, TouchedIsNeverZeroAndStaysWithinLimits) {
+  EXPECT_EQ(ClampTouched(0, kLimits), 1);
+  EXPECT_EQ(ClampTouched(-1, kLimits), -1);
+  EXPECT_EQ(ClampTouched(1 << 30, kLimits), kLimits.max);
+  EXPECT_EQ(ClampTouched(-(1 << 30), kLimits), kLimits.min);
+}
+
+TEST(KnotTest, LocatesOnBothSidesOfTheOrigin) {
+  EXPECT_EQ(LocateKnot(0.0, 0.05)->index, 0);
+  EXPECT_EQ(LocateKnot(-0.01, 0.05)->index, -1);
+  EXPECT_NEAR(LocateKnot(-0.01, 0.05)->t, 0.8, 1e-12);
+  EXPECT_EQ(TileOf(-1, -33), (TileKey{-1, -2}));
+  EXPECT_EQ(IndexInTile(-1, -32), 31);
+}
+
+TEST(KnotTest, RefusesWhatIsNoCoordinate) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  for (const double bad : {infinity, -infinity, std::nan(""), 1e300, -1.4e7, 1.4e7}) {
+    EXPECT_FALSE(LocateKnot(bad, 0.05)) << bad;
+  }
+}
+
+TEST(MergeTest, DoesNotDependOnOrderOrGrouping) {
+  std::mt19937_64 random(1);
+  std::vector<Tile> tiles;
+  for (int k = 0; k < 6; ++k) tiles.push_back(RandomTile(random));
+  std::vector<const Tile*> pointers = {nullptr};
+  for (const Tile& tile : tiles) pointers.push_back(&tile);
+  const Tile merged = MergeTiles(pointers, kLimits);
+  for (int n = 0; n < 50; ++n) {
+    std::shuffle(pointers.begin(), pointers.end(), random);
+    EXPECT_EQ(MergeTiles(pointers, kLimits), merged);
+  }
+}
+
+TEST(MergeTest, ClampsOnceAtTheEnd) {
+  // Saturating adds in between would give max + min = 0.
+  std::array<Tile, 3> tiles;
+  tiles[0].control_points[0] = kLimits.max;
+  tiles[1].control_points[0] = kLimits.max;
+  tiles[2].control_points[0] = kLimits.min;
+  EXPECT_EQ(MergeTiles({&tiles[0], &tiles[1], &tiles[2]}, kLimits).control_points[0], kLimits.max);
+}
+
+TEST(MergeTest, WhatCancelsStaysKnown) {
+  std::array<Tile, 2> tiles;
+  tiles[0].control_points[0] = 5;
+  tiles[1].control_points[0] = -5;
+  const Tile merged = MergeTiles({&tiles[0], &tiles[1]}, kLimits);
+  EXPECT_EQ(merged.control_points[0], 1);
+  EXPECT_EQ(merged.control_points[1], 0);
+}
+
+// The merged view, kept up incrementally, equals the sum of the layers at every snapshot.
+TEST(MapTest, MergedViewFollowsRandomCommits) {
+  std::mt19937_64 random(2);
+  Map map({0.05, kLimits});
+  std::vector<Layer*> layers;
+  for (uint64_t k = 1; k <= 3; ++k) layers.push_back(&map.AddLayer({"robot", k}, {1, 1}));
+  for (int n = 0; n < 60; ++n) {
+    for (Layer* layer : layers) {
+      if (random() % 3 == 0) continue;
+      layer->BeginCommit();
+      for (int edit = 0; edit < 3; ++edit) {
+        Tile& tile = layer->EditTile(RandomKey(random, 6));
+        tile.control_points[random() % Tile::kSize] =
+            static_cast<ControlPoint>(random() % 20000 - 10000);
+      }
+    }
+    const auto snapshot = map.Snapshot();
+    std::map<std::pair<int, int>, std::vector<const Tile*>> by_key;
+    for (const LayerSnapshot& layer : snapshot->layers) {
+      layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+        by_key[{key.tx, key.ty}].push_back(entry.tile.get());
+      });
+    }
+    ASSERT_EQ(snapshot->merged.size(), by_key.size());
+    for (const auto& [key, tiles] : by_key) {
+      const TileTree::Entry* merged = snapshot->merged.Find({key.first, key.second});
+      ASSERT_NE(merged, nullptr);
+      ASSERT_EQ(*merged->tile, MergeTiles(tiles, kLimits));
+    }
+  }
+}
+
+TEST(MapTest, ALayerThatGoesOnKeepsItsTilesAndRevision) {
+  Map map({0.05, kLimits});
+  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+  layer.BeginCommit();
+  layer.EditTile({0, 0}).control_points[0] = 4;
+  const auto snapshot = map.Snapshot();
+  Map next({0.05, kLimits});
+  Layer& continued = next.ContinueLayer(snapshot->layers[0], {2, 9});
+  EXPECT_EQ(continued.id(), layer.id());
+  EXPECT_EQ(continued.epoch().incarnation, 2u);
+  EXPECT_EQ(continued.revision(), 1u);
+  continued.BeginCommit();
+  continued.EditTile({0, 0}).control_points[0] = 5;
+  EXPECT_EQ(next.Snapshot()->merged.Find({0, 0})->revision, 2u);
+  EXPECT_EQ(snapshot->merged.Find({0, 0})->tile->control_points[0], 4);
+}
+
+TEST(MapTest, KnownIsWhereTheNearestControlPointWasTouched) {
+  Map map({0.1, kLimits});
+  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+  layer.BeginCommit();
+  layer.EditTile({0, 0}).control_points[IndexInTile(3, 5)] = -1;
+  const auto snapshot = map.Snapshot();
+  EXPECT_TRUE(snapshot->Evaluate(0.3, 0.5).known);
+  EXPECT_TRUE(snapshot->Evaluate(0.26, 0.54).known);
+  EXPECT_FALSE(snapshot->Evaluate(0.24, 0.5).known);
+  EXPECT_FALSE(snapshot->Evaluate(0.3, 0.56).known);
+}
+
+TEST(MapTest, FarAndUndefinedPointsAreUnknown) {
+  Map map({0.05, kLimits});
+  map.AddLayer({"robot", 1}, {1, 1});
+  const auto snapshot = map.Snapshot();
+  for (const double x : {std::nan(""), 1e300, -std::numeric_limits<double>::infinity(), 1e5}) {
+    const SurfaceSample sample = snapshot->Evaluate(x, 0);
+    EXPECT_FALSE(sample.known);
+    EXPECT_EQ(sample.log_odds, 0);
+    EXPECT_EQ(sample.gradient_per_m.norm(), 0);
+  }
+}
+
+// Every commit writes its number into all of four tiles; no reader may see two numbers.
+TEST(MapTest, ReadersNeverSeeHalfACommit) {
+  Map map({0.05, kLimits});
+  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+  Mutex mutex;
+  std::shared_ptr<const MapSnapshot> newest = map.Snapshot();
+  std::atomic<bool> done = false;
+  std::atomic<int> torn = 0;
+  std::atomic<int> read = 0;
+  const auto reader = [&] {
+    while (!done) {
+      std::shared_ptr<const MapSnapshot> snapshot;
+      {
+        MutexLock lock(mutex);
+        snapshot = newest;
+      }
+      const auto commit = static_cast<ControlPoint>(snapshot->layers[0].revision);
+      snapshot->merged.ForEach([&](TileKey, const TileTree::Entry& entry) {
+        for (const ControlPoint c : entry.tile->control_points) torn += c != commit;
+      });
+      ++read;
+    }
+  };
+  std::vector<std::jthread> readers;
+  for (int k = 0; k < 3; ++k) readers.emplace_back(reader);
+  for (int commit = 1; commit <= 2000; ++commit) {
+    layer.BeginCommit();
+    for (const TileKey key : {TileKey{0, 0}, TileKey{-1, 0}, TileKey{40, 3}, TileKey{0, -9}}) {
+      layer.EditTile(key).control_points.fill(static_cast<ControlPoint>(commit));
+    }
+    auto snapshot = map.Snapshot();
+    MutexLock lock(mutex);
+    newest = std::move(snapshot);
+  }
+  while (read < 10) std::this_thread::yield();
+  done = true;
+  readers.clear();
+  EXPECT_EQ(torn, 0);
+}
+
+}  // namespace
+}  // namespace splinemap

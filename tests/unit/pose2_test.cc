@@ -1,0 +1,46 @@
+#include "lib/geometry/pose2.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+namespace splinemap {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+TEST(Pose2Test, CompositionAppliesTheInnerPoseFirst) {
+  const Pose2 world_T_robot{{1, 2}, kPi / 2};
+  const Pose2 robot_T_sensor{{3, 0}, -kPi / 2};
+  const Pose2 world_T_sensor = world_T_robot * robot_T_sensor;
+  EXPECT_NEAR(world_T_sensor.position_m.x(), 1, 1e-12);
+  EXPECT_NEAR(world_T_sensor.position_m.y(), 5, 1e-12);
+  EXPECT_NEAR(world_T_sensor.yaw_rad, 0, 1e-12);
+  const Eigen::Vector2d p = world_T_sensor * Eigen::Vector2d(1, 0);
+  EXPECT_NEAR(p.x(), 2, 1e-12);
+  EXPECT_NEAR(p.y(), 5, 1e-12);
+}
+
+TEST(Pose2Test, InterpolationTurnsTheShorterWay) {
+  const Pose2 a{{0, 0}, 0.9 * kPi};
+  const Pose2 b{{2, 4}, -0.9 * kPi};
+  const Pose2 middle = Interpolate(a, b, 0.5);
+  EXPECT_NEAR(std::abs(WrapAngle(middle.yaw_rad)), kPi, 1e-12);
+  EXPECT_EQ(middle.position_m, Eigen::Vector2d(1, 2));
+  EXPECT_NEAR(
+      WrapAngle(Interpolate(a, {{0, 0}, a.yaw_rad + 10 * kPi + 0.2}, 0.5).yaw_rad - a.yaw_rad), 0.1,
+      1e-12);
+}
+
+TEST(Pose2Test, YawOfAQuaternionIgnoresRollOfTheBody) {
+  const double yaw = 0.7;
+  EXPECT_NEAR(YawOfQuaternion(std::cos(yaw / 2), 0, 0, std::sin(yaw / 2)), yaw, 1e-12);
+  // The same heading, rolled by 0.3 rad about the body's x axis: q_yaw * q_roll.
+  const double cy = std::cos(yaw / 2), sy = std::sin(yaw / 2);
+  const double cr = std::cos(0.15), sr = std::sin(0.15);
+  EXPECT_NEAR(YawOfQuaternion(cy * cr, cy * sr, sy * sr, sy * cr), yaw, 1e-12);
+}
+
+}  // namespace
+}  // namespace splinemap

@@ -1,0 +1,348 @@
+#include "lib/sensing/scan_queue.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <variant>
+#include <vector>
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+// Messages in milliseconds; the robot moves along x at 1 m/s, so a pose tells its time.
+class ScanQueueTest : public testing::Test {
+ protected:
+  void Pose(int64_t ms) {
+    queue_.AddPose({milliseconds(ms), {{static_cast<double>(ms) * 1e-3, 0}, 0}});
+    Collect();
+  }
+
+  // `beam_ms`: times of the beams after the scan's.
+  void ScanAt(int64_t ms, int channel = 0, std::vector<int64_t> beam_ms = {0}) {
+    Scan scan;
+    scan.channel = channel;
+    scan.utime = milliseconds(ms);
+    for (const int64_t offset : beam_ms) {
+      const Utime time_offset = milliseconds(offset);
+      scan.first_beam = std::min(scan.first_beam, time_offset);
+      scan.last_beam = std::max(scan.last_beam, time_offset);
+      scan.beams.push_back({2, 0, time_offset, true});
+    }
+    queue_.AddScan(std::move(scan));
+    Collect();
+  }
+
+  void Flush() {
+    queue_.Flush();
+    Collect();
+  }
+
+  // What came out: utime in ms and channel.
+  std::vector<std::pair<int64_t, int>> Placed() const {
+    std::vector<std::pair<int64_t, int>> placed;
+    for (const PlacedScan& scan : placed_)
+      placed.emplace_back(scan.utime.count() / 1000, scan.channel);
+    return placed;
+  }
+
+  int64_t Dropped(DropReason reason) const { return queue_.counts().drops[reason]; }
+
+  void Collect() {
+    while (auto scan = queue_.Next()) placed_.push_back(*std::move(scan));
+  }
+
+  using Expected = std::vector<std::pair<int64_t, int>>;
+
+  ScanQueue queue_{ScanQueueOptions{}, 1};
+  std::vector<PlacedScan> placed_;
+};
+
+TEST_F(ScanQueueTest, AScanWaitsForAPoseAtOrAfterIt) {
+  Pose(0);
+  ScanAt(50);
+  EXPECT_TRUE(placed_.empty());
+  Pose(40);
+  EXPECT_TRUE(placed_.empty());
+  Pose(60);
+  ASSERT_EQ(Placed(), (Expected{{50, 0}}));
+  EXPECT_NEAR(placed_[0].beams[0].origin_world_m.x(), 0.05, 1e-9);
+}
+
+TEST_F(ScanQueueTest, APoseOfTheSameTimeIsEnough) {
+  ScanAt(50);
+  Pose(50);
+  EXPECT_EQ(Placed(), (Expected{{50, 0}}));
+}
+
+TEST_F(ScanQueueTest, EachBeamGetsThePoseOfItsOwnTime) {
+  Pose(0);
+  Pose(200);
+  ScanAt(100, 0, {-50, 0, 100});
+  ASSERT_EQ(placed_.size(), 1u);
+  EXPECT_NEAR(placed_[0].beams[0].origin_world_m.x(), 0.05, 1e-9);
+  EXPECT_NEAR(placed_[0].beams[1].origin_world_m.x(), 0.10, 1e-9);
+  EXPECT_NEAR(placed_[0].beams[2].origin_world_m.x(), 0.20, 1e-9);
+}
+
+TEST_F(ScanQueueTest, WaitsUntilTheLastBeamIsBracketed) {
+  Pose(0);
+  ScanAt(100, 0, {0, 100});
+  Pose(150);
+  EXPECT_TRUE(placed_.empty());
+  Pose(200);
+  EXPECT_EQ(placed_.size(), 1u);
+}
+
+TEST_F(ScanQueueTest, ExtrinsicsTurnWithTheRobot) {
+  queue_.AddPose({milliseconds(0), {{1, 1}, M_PI / 2}});
+  Scan scan;
+  scan.robot_T_sensor = {{0.3, 0}, M_PI / 2};
+  scan.beams.push_back({2, 0, Utime(0), true});
+  queue_.AddScan(scan);
+  Collect();
+  ASSERT_EQ(placed_.size(), 1u);
+  const PlacedBeam& beam = placed_[0].beams[0];
+  EXPECT_NEAR(beam.origin_world_m.x(), 1, 1e-9);
+  EXPECT_NEAR(beam.origin_world_m.y(), 1.3, 1e-9);
+  EXPECT_NEAR(beam.direction_world.x(), -1, 1e-9);
+}
+
+TEST_F(ScanQueueTest, ScansComeOutInOrderOfTime) {
+  Pose(0);
+  ScanAt(300);
+  ScanAt(100);
+  ScanAt(200);
+  Pose(400);
+  EXPECT_EQ(Placed(), (Expected{{100, 0}, {200, 0}, {300, 0}}));
+}
+
+TEST_F(ScanQueueTest, ARepeatedTimeStampIsADuplicate) {
+  Pose(0);
+  ScanAt(50);
+  ScanAt(50);
+  Pose(100);
+  ScanAt(50);
+  EXPECT_EQ(Placed(), (Expected{{50, 0}}));
+  EXPECT_EQ(Dropped(DropReason::kDuplicateScan), 2);
+}
+
+TEST_F(ScanQueueTest, ARepeatedPoseIsCountedAndIgnored) {
+  Pose(0);
+  queue_.AddPose({milliseconds(0), {{99, 0}, 0}});
+  Pose(100);
+  ScanAt(50);
+  EXPECT_NEAR(placed_[0].beams[0].origin_world_m.x(), 0.05, 1e-9);
+  EXPECT_EQ(Dropped(DropReason::kDuplicatePose), 1);
+}
+
+TEST_F(ScanQueueTest, AScanOlderThanOneThatIsMappedIsLate) {
+  Pose(0);
+  Pose(500);
+  ScanAt(300);
+  ScanAt(200);
+  EXPECT_EQ(Placed(), (Expected{{300, 0}}));
+  EXPECT_EQ(Dropped(DropReason::kLateScan), 1);
+}
+
+TEST_F(ScanQueueTest, AScanBeforeTheFirstPoseIsDropped) {
+  ScanAt(10);
+  Pose(50);
+  Pose(100);
+  EXPECT_TRUE(placed_.empty());
+  EXPECT_EQ(Dropped(DropReason::kScanWithoutPose), 1);
+}
+
+TEST_F(ScanQueueTest, AScanThatPosesNeverReachIsDroppedByMessageTime) {
+  Pose(0);
+  ScanAt(100);
+  ScanAt(2000);
+  EXPECT_EQ(queue_.size(), 2u);
+  ScanAt(2100);
+  EXPECT_EQ(Dropped(DropReason::kScanWithoutPose), 1);
+  EXPECT_EQ(queue_.size(), 2u);
+}
+
+TEST_F(ScanQueueTest, PosesInAnotherClockPlaceNothingAndFillNothing) {
+  constexpr int64_t kYears = int64_t{10} * 365 * 86'400'000;
+  for (int ms = 0; ms < 60'000; ms += 100) {
+    ScanAt(kYears + ms);
+    Pose(ms);
+  }
+  EXPECT_TRUE(placed_.empty());
+  EXPECT_LE(queue_.size(), 21u);
+  EXPECT_GE(Dropped(DropReason::kScanWithoutPose), 570);
+}
+
+TEST_F(ScanQueueTest, PosesFarApartAreNotInterpolated) {
+  Pose(0);
+  ScanAt(500);
+  Pose(1001);
+  EXPECT_TRUE(placed_.empty());
+  EXPECT_EQ(Dropped(DropReason::kScanInPoseGap), 1);
+  ScanAt(1500);
+  Pose(2001);
+  EXPECT_EQ(Placed(), (Expected{{1500, 0}}));
+}
+
+TEST_F(ScanQueueTest, TheEndOfInputMapsWhatCanBePlaced) {
+  Pose(0);
+  Pose(100);
+  ScanAt(100);
+  ScanAt(150);
+  Flush();
+  EXPECT_EQ(Placed(), (Expected{{100, 0}}));
+  EXPECT_EQ(Dropped(DropReason::kScanWithoutPose), 1);
+  EXPECT_EQ(queue_.size(), 0u);
+}
+
+TEST_F(ScanQueueTest, ALogThatIsRewoundIsMappedAgain) {
+  const auto play = [&] {
+    for (int ms = 5000; ms <= 9000; ms += 100) {
+      Pose(ms);
+      ScanAt(ms + 50);
+    }
+  };
+  play();
+  const size_t once = placed_.size();
+  EXPECT_EQ(once, 40u);  // the last scan has no later pose yet
+  play();
+  EXPECT_EQ(placed_.size(), 2 * once);
+  EXPECT_EQ(queue_.counts().time_jumps, 1);
+  EXPECT_EQ(Dropped(DropReason::kLateScan), 0);
+  EXPECT_EQ(Dropped(DropReason::kDuplicateScan), 0);
+}
+
+TEST_F(ScanQueueTest, TheScanChannelMayBeTheFirstToJumpBack) {
+  Pose(9000);
+  Pose(9100);
+  ScanAt(9050);
+  ScanAt(5050);
+  Pose(5000);
+  Pose(5100);
+  EXPECT_EQ(Placed(), (Expected{{9050, 0}, {5050, 0}}));
+  EXPECT_EQ(queue_.counts().time_jumps, 1);
+}
+
+TEST_F(ScanQueueTest, AJumpForwardGoesOnAtTheNewTime) {
+  Pose(0);
+  Pose(100);
+  ScanAt(150);
+  ScanAt(60'050);
+  Pose(60'000);
+  Pose(60'100);
+  EXPECT_EQ(Placed(), (Expected{{60'050, 0}}));
+  EXPECT_EQ(Dropped(DropReason::kScanWithoutPose) + Dropped(DropReason::kScanInPoseGap), 1);
+}
+
+TEST_F(ScanQueueTest, OneStampFarInTheFutureCostsAMomentAndNotTheMap) {
+  for (int ms = 0; ms < 10'000; ms += 100) {
+    if (ms == 5000) ScanAt(int64_t{1} << 40);
+    if (ms == 7000) Pose(int64_t{1} << 40);
+    Pose(ms);
+    ScanAt(ms + 50);
+  }
+  EXPECT_GE(placed_.size(), 95u);
+}
+
+TEST_F(ScanQueueTest, MemoryIsBoundedWithoutPoses) {
+  for (int64_t n = 0; n < 3000; ++n) {
+    Scan scan;
+    scan.utime = Utime(n);  // within max_pose_wait of each other
+    scan.beams.resize(10);
+    queue_.AddScan(std::move(scan));
+  }
+  EXPECT_EQ(queue_.size(), ScanQueue::kMaxScans);
+  EXPECT_EQ(Dropped(DropReason::kScanQueueFull), 2000);
+}
+
+class TwoScannersTest : public ScanQueueTest {
+ protected:
+  TwoScannersTest() { queue_ = ScanQueue(ScanQueueOptions{}, 2); }
+};
+
+TEST_F(TwoScannersTest, AScanWaitsForTheOtherScannerToReachItsTime) {
+  Pose(0);
+  Pose(100);
+  ScanAt(60, 1);
+  EXPECT_TRUE(placed_.empty());
+  ScanAt(50, 0);
+  EXPECT_EQ(Placed(), (Expected{{50, 0}}));
+  ScanAt(70, 0);
+  EXPECT_EQ(Placed(), (Expected{{50, 0}, {60, 1}}));
+}
+
+TEST_F(TwoScannersTest, ASilentScannerDelaysOnlyByTheOrderWait) {
+  Pose(0);
+  ScanAt(50, 0);
+  Pose(249);
+  EXPECT_TRUE(placed_.empty());
+  Pose(250);
+  EXPECT_EQ(Placed(), (Expected{{50, 0}}));
+}
+
+TEST_F(TwoScannersTest, EqualTimesComeOutByChannel) {
+  Pose(0);
+  Pose(100);
+  ScanAt(50, 1);
+  ScanAt(50, 0);
+  Flush();
+  EXPECT_EQ(Placed(), (Expected{{50, 0}, {50, 1}}));
+}
+
+// Messages of three channels, each in its own order, interleaved at random within the order wait:
+// what comes out is the same.
+TEST(ScanQueueLawTest, TheInterleavingOfChannelsDoesNotMatter) {
+  struct Event {
+    int64_t ms;
+    int channel;  // 2: pose
+  };
+  std::vector<Event> events;
+  for (int64_t ms = 0; ms < 20'000; ms += 10) events.push_back({ms, 2});
+  for (int64_t ms = 33; ms < 20'000; ms += 100) events.push_back({ms, 0});
+  for (int64_t ms = 51; ms < 20'000; ms += 70) events.push_back({ms, 1});
+
+  std::mt19937_64 random(1);
+  std::vector<std::pair<Utime, int>> expected;
+  for (int round = 0; round < 20; ++round) {
+    // Each channel is late by an amount of its own that changes slowly: its order stays.
+    std::vector<std::pair<double, Event>> arrivals;
+    const double phase = static_cast<double>(random() % 1000);
+    for (const Event& event : events) {
+      const double t = static_cast<double>(event.ms);
+      const double delay = 45 * (1 + std::sin(t / (300 + 100 * event.channel) + phase));
+      arrivals.emplace_back(t + delay, event);
+    }
+    std::stable_sort(arrivals.begin(), arrivals.end(),
+                     [](const auto& a, const auto& b) { return a.first < b.first; });
+    ScanQueue queue({}, 2);
+    std::vector<std::pair<Utime, int>> placed;
+    const auto collect = [&] {
+      while (const auto scan = queue.Next()) placed.emplace_back(scan->utime, scan->channel);
+    };
+    for (const auto& [arrival, event] : arrivals) {
+      if (event.channel == 2) {
+        queue.AddPose({milliseconds(event.ms), {}});
+      } else {
+        Scan scan;
+        scan.channel = event.channel;
+        scan.utime = milliseconds(event.ms);
+        scan.beams.resize(1);
+        queue.AddScan(scan);
+      }
+      collect();
+    }
+    queue.Flush();
+    collect();
+    if (round == 0) expected = placed;
+    EXPECT_GT(placed.size(), 480u);
+    EXPECT_EQ(placed, expected) << "round " << round;
+  }
+}
+
+}  // namespace
+}  // namespace splinemap

@@ -1,0 +1,106 @@
+#include "lib/sensing/scan.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+RangeReadings Readings(std::vector<float> ranges_m) {
+  RangeReadings readings;
+  readings.utime = seconds(100);
+  for (size_t k = 0; k < ranges_m.size(); ++k) {
+    readings.bearings_rad.push_back(0.1F * static_cast<float>(k));
+  }
+  readings.ranges_m = std::move(ranges_m);
+  return readings;
+}
+
+TEST(PrepareScanTest, BeamsThatSayNothingAreLeftOut) {
+  const float infinity = std::numeric_limits<float>::infinity();
+  const auto scan = PrepareScan(
+      Readings({std::nanf(""), -1, 0, 0.049F, 30, infinity, -infinity, 81.83F, 2.5F}), {}, 3);
+  ASSERT_TRUE(scan.ok());
+  ASSERT_EQ(scan->beams.size(), 1u);
+  EXPECT_EQ(scan->beams[0].range_m, 2.5F);
+  EXPECT_FLOAT_EQ(scan->beams[0].bearing_rad, 0.8F);
+  EXPECT_TRUE(scan->beams[0].hit);
+  EXPECT_EQ(scan->channel, 3);
+}
+
+TEST(PrepareScanTest, NoReturnClearsUpToTheMaximumWhereConfigured) {
+  SensorOptions options;
+  options.range_max_m = 8;
+  options.no_return_is_free = true;
+  const float infinity = std::numeric_limits<float>::infinity();
+  const auto scan =
+      PrepareScan(Readings({0, infinity, 8, 50, -1, 0.01F, std::nanf("")}), options, 0);
+  ASSERT_EQ(scan->beams.size(), 4u);
+  for (const Beam& beam : scan->beams) {
+    EXPECT_FALSE(beam.hit);
+    EXPECT_EQ(beam.range_m, 8);
+  }
+}
+
+TEST(PrepareScanTest, BearingSignTurnsTheScan) {
+  SensorOptions options;
+  options.bearing_sign = -1;
+  const auto scan = PrepareScan(Readings({1, 1, 1}), options, 0);
+  EXPECT_FLOAT_EQ(scan->beams[2].bearing_rad, -0.2F);
+}
+
+TEST(PrepareScanTest, ABeamOfUndefinedBearingIsLeftOut) {
+  RangeReadings readings = Readings({1, 1});
+  readings.bearings_rad[0] = std::nanf("");
+  EXPECT_EQ(PrepareScan(readings, {}, 0)->beams.size(), 1u);
+}
+
+TEST(PrepareScanTest, DurationSpreadsTheBeamsFromFirstToLast) {
+  SensorOptions options;
+  options.time_offset = milliseconds(-150);
+  options.scan_duration = milliseconds(100);
+  const auto scan = PrepareScan(Readings({1, 1, 1, 1, 1}), options, 0);
+  EXPECT_EQ(scan->utime, seconds(100) - milliseconds(150));
+  EXPECT_EQ(scan->beams.front().time_offset, milliseconds(0));
+  EXPECT_EQ(scan->beams[1].time_offset, milliseconds(25));
+  EXPECT_EQ(scan->last_beam, milliseconds(100));
+  options.scan_duration = milliseconds(-100);
+  EXPECT_EQ(PrepareScan(Readings({1, 1}), options, 0)->first_beam, milliseconds(-100));
+}
+
+TEST(PrepareScanTest, BeamTimesComeFromTheMessage) {
+  SensorOptions options;
+  options.use_beam_times = true;
+  RangeReadings readings = Readings({1, 1});
+  readings.beam_utimes = {seconds(100), seconds(100) + milliseconds(70)};
+  EXPECT_EQ(PrepareScan(readings, options, 0)->beams[1].time_offset, milliseconds(70));
+}
+
+TEST(PrepareScanTest, BeamTimesThatCannotBeTrueAreRefused) {
+  SensorOptions options;
+  options.use_beam_times = true;
+  RangeReadings readings = Readings({1, 1});
+  EXPECT_FALSE(PrepareScan(readings, options, 0).ok()) << "none";
+  readings.beam_utimes = {seconds(100), seconds(5)};
+  EXPECT_FALSE(PrepareScan(readings, options, 0).ok()) << "95 s earlier";
+}
+
+TEST(PrepareScanTest, MoreBeamsThanTheLimitAreRefused) {
+  EXPECT_TRUE(PrepareScan(Readings(std::vector<float>(kMaxBeams, 1)), {}, 0).ok());
+  EXPECT_FALSE(PrepareScan(Readings(std::vector<float>(kMaxBeams + 1, 1)), {}, 0).ok());
+}
+
+TEST(PrepareScanTest, NoBeamAndOneBeamAreScansToo) {
+  SensorOptions options;
+  options.scan_duration = milliseconds(100);
+  EXPECT_TRUE(PrepareScan(Readings({}), options, 0)->beams.empty());
+  EXPECT_EQ(PrepareScan(Readings({1}), options, 0)->last_beam, milliseconds(0));
+}
+
+}  // namespace
+}  // namespace splinemap

@@ -1,0 +1,130 @@
+#include "lib/map/tile_tree.h"
+
+#include <gtest/gtest.h>
+
+#include <map>
+#include <random>
+#include <utility>
+#include <vector>
+
+#include "tests/support/random_map.h"
+
+namespace splinemap {
+namespace {
+
+using Content = std::map<std::pair<int32_t, int32_t>, std::pair<Tile, uint64_t>>;
+
+Content ContentOf(const TileTree& tree, uint64_t since = 0) {
+  Content content;
+  tree.ForEachSince(since, [&](TileKey key, const TileTree::Entry& entry) {
+    const bool is_new =
+        content.emplace(std::pair(key.tx, key.ty), std::pair(*entry.tile, entry.revision)).second;
+    EXPECT_TRUE(is_new) << "visited twice";
+  });
+  return content;
+}
+
+TEST(TileTreeTest, FindsNothingInAnEmptyTree) {
+  const TileTree tree;
+  EXPECT_EQ(tree.Find({0, 0}), nullptr);
+  EXPECT_EQ(tree.size(), 0u);
+  EXPECT_TRUE(ContentOf(tree).empty());
+}
+
+TEST(TileTreeTest, HoldsKeysOfEverySignAndSize) {
+  constexpr int32_t kFar = kMaxKnotIndex >> 5;
+  const std::vector<TileKey> keys = {{0, 0},       {-1, 0},         {0, -1},       {-1, -1},
+                                     {3, -4},      {4, -5},         {27, -36},     {28, -37},
+                                     {1000, 1000}, {-1000, 123456}, {kFar, -kFar}, {-kFar, kFar}};
+  TileTreeEditor editor;
+  for (size_t k = 0; k < keys.size(); ++k) {
+    EXPECT_EQ(editor.tree().Find(keys[k]), nullptr);
+    editor.Edit(keys[k], k + 1).control_points[7] = static_cast<ControlPoint>(k + 1);
+  }
+  EXPECT_EQ(editor.tree().size(), keys.size());
+  for (size_t k = 0; k < keys.size(); ++k) {
+    const TileTree::Entry* entry = editor.tree().Find(keys[k]);
+    ASSERT_NE(entry, nullptr) << keys[k].tx << " " << keys[k].ty;
+    EXPECT_EQ(entry->tile->control_points[7], static_cast<ControlPoint>(k + 1));
+    EXPECT_EQ(entry->revision, k + 1);
+  }
+  EXPECT_EQ(ContentOf(editor.tree()).size(), keys.size());
+  EXPECT_EQ(editor.tree().Find({kFar - 1, kFar}), nullptr);
+}
+
+// Against a std::map that is copied for each snapshot.
+TEST(TileTreeTest, FrozenTreesKeepTheirContentWhateverComesAfter) {
+  std::mt19937_64 random(11);
+  TileTreeEditor editor;
+  Content expected;
+  std::vector<std::pair<TileTree, Content>> frozen;
+  for (uint64_t revision = 1; revision <= 400; ++revision) {
+    const TileKey key = RandomKey(random, revision % 3 == 0 ? 40 : 5);
+    auto& [tile, tile_revision] = expected[{key.tx, key.ty}];
+    tile_revision = revision;
+    if (revision % 7 == 0) {
+      tile = RandomTile(random);
+      editor.Put(key, std::make_shared<const Tile>(tile), revision);
+    } else {
+      tile.control_points[revision % Tile::kSize] += 3;
+      editor.Edit(key, revision).control_points[revision % Tile::kSize] += 3;
+    }
+    if (revision % 20 == 0) frozen.emplace_back(editor.Freeze(), expected);
+  }
+  EXPECT_EQ(ContentOf(editor.tree()), expected);
+  EXPECT_EQ(editor.tree().size(), expected.size());
+  for (const auto& [tree, content] : frozen) {
+    EXPECT_EQ(ContentOf(tree), content);
+    EXPECT_EQ(tree.size(), content.size());
+  }
+}
+
+TEST(TileTreeTest, TwoEditorsOfOneTreeDoNotSeeEachOther) {
+  TileTreeEditor first;
+  first.Edit({0, 0}, 1).control_points[0] = 10;
+  const TileTree base = first.Freeze();
+  TileTreeEditor second(base);
+  second.Edit({0, 0}, 2).control_points[0] = 20;
+  first.Edit({0, 0}, 2).control_points[0] = 30;
+  EXPECT_EQ(base.Find({0, 0})->tile->control_points[0], 10);
+  EXPECT_EQ(first.tree().Find({0, 0})->tile->control_points[0], 30);
+  EXPECT_EQ(second.tree().Find({0, 0})->tile->control_points[0], 20);
+}
+
+TEST(TileTreeTest, AnEditOfASharedTileCopiesIt) {
+  const auto shared = std::make_shared<const Tile>();
+  TileTreeEditor editor;
+  editor.Put({1, 2}, shared, 1);
+  editor.Edit({1, 2}, 2).control_points[5] = 9;
+  EXPECT_EQ(shared->control_points[5], 0);
+  EXPECT_EQ(editor.tree().Find({1, 2})->tile->control_points[5], 9);
+}
+
+TEST(TileTreeTest, WritesInPlaceUntilTheNextFreeze) {
+  TileTreeEditor editor;
+  const Tile* tile = &editor.Edit({0, 0}, 1);
+  EXPECT_EQ(&editor.Edit({0, 0}, 2), tile);
+  const TileTree frozen = editor.Freeze();
+  EXPECT_NE(&editor.Edit({0, 0}, 3), tile);
+}
+
+TEST(TileTreeTest, VisitsJustWhatIsNewerThanARevision) {
+  std::mt19937_64 random(5);
+  TileTreeEditor editor;
+  Content all;
+  for (uint64_t revision = 1; revision <= 200; ++revision) {
+    const TileKey key = RandomKey(random, 30);
+    editor.Edit(key, revision).control_points[0] = 1;
+    all[{key.tx, key.ty}] = {*editor.tree().Find(key)->tile, revision};
+  }
+  for (const uint64_t since : {1, 50, 150, 199, 200, 1000}) {
+    Content expected;
+    for (const auto& [key, value] : all) {
+      if (value.second > since) expected[key] = value;
+    }
+    EXPECT_EQ(ContentOf(editor.tree(), since), expected) << since;
+  }
+}
+
+}  // namespace
+}  // namespace splinemap
