@@ -74,8 +74,9 @@ absl::StatusOr<int> Build(const Flags& flags) {
         [&](double share) { bar.Show(share); });
   }
   mapper.Flush();
-  for (const std::string& notice : mapper.TakeNotices()) {
-    std::fprintf(stderr, "%s\n", notice.c_str());
+  for (const Notice& notice : mapper.TakeNotices()) {
+    // Report() sums up the drops.
+    if (!notice.is_problem) std::fprintf(stderr, "%s\n", notice.text.c_str());
   }
   const MapperCounts counts = mapper.counts();
   if (!read.ok()) std::fprintf(stderr, "%s\n", ErrorText(read).c_str());

@@ -14,7 +14,6 @@ namespace {
 struct Flags {
   std::string log;
   bool json = false;
-  bool flags_only = false;
   InputFlags input;
 };
 
@@ -24,16 +23,18 @@ std::string TypeOf(const LoggedChannel& channel) {
   return "no LCM type";
 }
 
-// The flags that choose the channels of `config`, for a command line.
-std::string FlagsOf(const config::Config& config) {
-  std::string text;
-  for (const config::Scan& scan : config.scan()) {
-    text += fmt::format("--scan {} ", scan.channel());
+// The flags that have to be added to those of `given` for the channels of `chosen`.
+std::vector<std::string> FlagsOf(const config::Config& chosen, const config::Config& given) {
+  std::vector<std::string> flags;
+  for (int k = given.scan_size(); k < chosen.scan_size(); ++k) {
+    flags.insert(flags.end(), {"--scan", chosen.scan(k).channel()});
   }
-  return text + fmt::format("--pose {}", config.pose());
+  if (given.pose().empty()) flags.insert(flags.end(), {"--pose", chosen.pose()});
+  return flags;
 }
 
-void PrintJson(const LogSurvey& survey, const config::Config& config, const absl::Status& choice) {
+void PrintJson(const LogSurvey& survey, const config::Config& chosen, const config::Config& given,
+               const absl::Status& choice) {
   nlohmann::json json;
   json["duration_s"] = survey.duration_s;
   json["channels"] = nlohmann::json::array();
@@ -46,9 +47,10 @@ void PrintJson(const LogSurvey& survey, const config::Config& config, const absl
     json["channels"].push_back(entry);
   }
   if (choice.ok()) {
-    json["pose"] = config.pose();
+    json["pose"] = chosen.pose();
     json["scans"] = nlohmann::json::array();
-    for (const config::Scan& scan : config.scan()) json["scans"].push_back(scan.channel());
+    for (const config::Scan& scan : chosen.scan()) json["scans"].push_back(scan.channel());
+    json["chosen_flags"] = FlagsOf(chosen, given);
   } else {
     json["problem"] = ErrorText(choice);
   }
@@ -65,21 +67,22 @@ void PrintTable(const LogSurvey& survey) {
 }
 
 absl::StatusOr<int> Doctor(const Flags& flags) {
-  SPLINEMAP_ASSIGN_OR_RETURN(config::Config config, ConfigOf(flags.input));
+  SPLINEMAP_ASSIGN_OR_RETURN(const config::Config given, ConfigOf(flags.input));
   LogSurvey survey;
   {
     ProgressBar bar("reading");
     SPLINEMAP_ASSIGN_OR_RETURN(survey,
                                SurveyLog(flags.log, [&](double share) { bar.Show(share); }));
   }
-  const absl::Status choice = ChooseChannels(survey, config);
+  config::Config chosen = given;
+  const absl::Status choice = ChooseChannels(survey, chosen);
   if (flags.json) {
-    PrintJson(survey, config, choice);
-  } else {
-    PrintTable(survey);
-    if (choice.ok()) std::printf("map it with: %s\n", FlagsOf(config).c_str());
+    PrintJson(survey, chosen, given, choice);
+    return kSuccess;
   }
-  if (!choice.ok() && !flags.json) return choice;
+  PrintTable(survey);
+  SPLINEMAP_RETURN_IF_ERROR(choice);
+  fmt::print("map it with: {}\n", fmt::join(FlagsOf(chosen, {}), " "));
   return kSuccess;
 }
 

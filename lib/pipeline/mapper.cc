@@ -67,7 +67,7 @@ void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message) {
         DetectPreset(TypeOf(message) == MessageType::kPlanarLidar, *readings);
     scan_channel.options = SensorOptionsOf(scan_channel.config, preset);
     notices_.push_back(
-        fmt::format("{}: read with preset {}, told from the first message", name, preset));
+        {false, fmt::format("{}: read with preset {}, told from the first message", name, preset)});
   }
   absl::StatusOr<Scan> scan = PrepareScan(*readings, *scan_channel.options, channel);
   if (!scan.ok()) {
@@ -108,7 +108,8 @@ void Mapper::MapReadyScans() {
 
 void Mapper::Drop(DropReason reason, const std::string& channel, const std::string& explanation) {
   if (counts_.drops[reason]++ == 0) {
-    notices_.push_back(fmt::format("dropped {} on {}: {}", DropName(reason), channel, explanation));
+    notices_.push_back(
+        {true, fmt::format("dropped {} on {}: {}", DropName(reason), channel, explanation)});
   }
 }
 
@@ -117,11 +118,12 @@ void Mapper::NoticeQueueDrops() {
   for (int k = 0; k < kNumDropReasons; ++k) {
     const auto reason = static_cast<DropReason>(k);
     if (counts.drops[reason] > 0 && noticed_.drops[reason] == 0) {
-      notices_.push_back(fmt::format("dropped {}: {}", DropName(reason), DropExplanation(reason)));
+      notices_.push_back(
+          {true, fmt::format("dropped {}: {}", DropName(reason), DropExplanation(reason))});
     }
   }
   if (counts.time_jumps > 0 && noticed_.time_jumps == 0) {
-    notices_.push_back("message time jumped back (a log was rewound?); the map is kept");
+    notices_.push_back({true, "message time jumped back (a log was rewound?); the map is kept"});
   }
   noticed_ = counts;
 }
@@ -133,6 +135,6 @@ MapperCounts Mapper::counts() const {
   return counts;
 }
 
-std::vector<std::string> Mapper::TakeNotices() { return std::exchange(notices_, {}); }
+std::vector<Notice> Mapper::TakeNotices() { return std::exchange(notices_, {}); }
 
 }  // namespace splinemap

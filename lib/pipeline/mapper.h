@@ -29,6 +29,12 @@ struct MapperCounts {
   int64_t time_jumps = 0;  // of message time, back
 };
 
+// What a person should know. A problem wants something done about it.
+struct Notice {
+  bool is_problem = true;
+  std::string text;
+};
+
 // From LCM messages to commits: decode, bring scans and poses together, accumulate, commit. The
 // same messages in the same order make the same layer, in the daemon and offline.
 // Thread-compatible.
@@ -53,7 +59,7 @@ class Mapper {
 
   // What a person should know, each once: chosen presets, the first drop of each kind, jumps in
   // time.
-  std::vector<std::string> TakeNotices();
+  std::vector<Notice> TakeNotices();
 
  private:
   struct ScanChannel {
@@ -79,7 +85,7 @@ class Mapper {
   MapperCounts counts_;
   Utime newest_scan_utime_{0};
   ScanQueueCounts noticed_;  // counts of queue_ that were noticed
-  std::vector<std::string> notices_;
+  std::vector<Notice> notices_;
 };
 
 }  // namespace splinemap

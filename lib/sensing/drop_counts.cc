@@ -19,8 +19,10 @@ Words WordsOf(DropReason reason) {
     case DropReason::kLateScan:
       return {"late_scan", "a scan is older than one that is mapped already"};
     case DropReason::kScanWithoutPose:
-      return {"scan_without_pose",
-              "no poses before and after a scan; do pose and scan channel share a clock?"};
+      return {
+          "scan_without_pose",
+          "no poses before and after a scan (usual at start and end); if it goes on, do pose and "
+          "scan channel share a clock?"};
     case DropReason::kScanInPoseGap:
       return {"scan_in_pose_gap",
               "the poses around a scan are too far apart; see timing { max_pose_gap_ms }"};

@@ -140,9 +140,9 @@ void Daemon::MapOne(const IngestedMessage& message) {
 }
 
 void Daemon::LogNotices() ABSL_NO_THREAD_SAFETY_ANALYSIS {
-  for (const std::string& notice : mapper_->TakeNotices()) {
-    spdlog::warn("{}", notice);
-    last_problem_ = notice;
+  for (const Notice& notice : mapper_->TakeNotices()) {
+    spdlog::log(notice.is_problem ? spdlog::level::warn : spdlog::level::info, "{}", notice.text);
+    if (notice.is_problem) last_problem_ = notice.text;
   }
 }
 

@@ -1,2 +1,131 @@
 #!/usr/bin/env bash
-exit 0
+# The command line tool and the daemon's flags, as a user types them.
+# shellcheck source=tests/integration/support.sh
+source "$1/tests/integration/support.sh" "$1"
+
+cat > room.world << 'EOF'
+wall { x0_m: -2 y0_m: -2 x1_m: 2 y1_m: -2 }
+wall { x0_m: 2 y0_m: -2 x1_m: 2 y1_m: 2 }
+wall { x0_m: 2 y0_m: 2 x1_m: -2 y1_m: 2 }
+wall { x0_m: -2 y0_m: 2 x1_m: -2 y1_m: -2 }
+waypoint { x_m: -1 } waypoint { x_m: 1 } waypoint { x_m: 1 y_m: 1 }
+EOF
+
+# simulate, doctor, build
+expect 0 splinemap simulate room.world room.lcmlog --trajectory truth.csv --world-out copy.world
+[[ $(head -n 1 truth.csv) == utime_us,x_m,y_m,yaw_rad ]] || fail "header of the trajectory"
+expect 0 splinemap simulate copy.world again.lcmlog
+cmp room.lcmlog again.lcmlog || fail "the same world and seed make the same log"
+expect 0 splinemap doctor room.lcmlog
+expect_text "map it with: --scan LASER --pose POSE" out
+expect 0 splinemap build room.lcmlog --out room.splinemap --name robot
+[[ ! -s out ]] || fail "build wrote to stdout"
+expect_text "mapped" err
+expect 2 splinemap build room.lcmlog --out room.splinemap
+expect_text "--force" err
+expect 0 splinemap build room.lcmlog --out room.splinemap --name robot --force
+expect 2 splinemap build room.lcmlog --out x.splinemap --scan LASER:nonsense
+expect_text "michigan_2014" err
+expect 1 splinemap build room.lcmlog --out x.splinemap --scan NOWHERE --pose POSE
+expect_text "no scan of room.lcmlog was mapped" err
+[[ ! -e x.splinemap ]] || fail "a build without scans left a map"
+
+# info, query, render
+expect 0 splinemap info room.splinemap --json
+[[ $(jq '.layers | length' out) == 1 && $(jq -r '.layers[0].name' out) == robot ]] || fail "layers"
+[[ $(jq '.knot_interval_m == 0.05 and .tiles > 0 and .area_m2 > 15 and .area_m2 < 20' out) == true ]] ||
+  fail "info: $(cat out)"
+expect 0 splinemap query room.splinemap 2.0 0.5
+[[ $(head -n 1 out) == x_m,y_m,log_odds,probability,dx_per_m,dy_per_m,known ]] || fail "columns"
+awk -F, 'NR == 2 && $3 > 1 && $4 > 0.7 && $7 == 1 { found = 1 } END { exit !found }' out ||
+  fail "no wall at (2, 0.5): $(cat out)"
+expect 0 splinemap query room.splinemap -1.0 -1.5
+awk -F, 'NR == 2 && $3 < -1 && $7 == 1 { found = 1 } END { exit !found }' out || fail "not free"
+expect 0 splinemap query room.splinemap 50 50
+[[ $(tail -n 1 out) == 50,50,0.000000,0.500000,0.000000,0.000000,0 ]] || fail "unknown: $(cat out)"
+printf 'x_m,y_m\n2,0.5\n0,0,more\nnan,0\n' > points.csv
+expect 0 splinemap query room.splinemap --points points.csv
+(($(wc -l < out) == 4)) || fail "one line out per line in: $(cat out)"
+printf '0,0\nx\n1,1\n' > points.csv
+expect 2 splinemap query room.splinemap --points points.csv
+(($(wc -l < out) == 3)) || fail "one line out per line in, broken ones too"
+expect_text "points.csv:2:" err
+expect 2 splinemap query room.splinemap
+expect 0 splinemap render room.splinemap room.png --px-per-knot 3
+[[ $(head -c 8 room.png | od -An -tx1 | tr -d ' ') == 89504e470d0a1a0a ]] || fail "no PNG"
+expect 0 splinemap render room.splinemap
+expect_text "####" out
+
+# diff
+cp room.splinemap copy.splinemap
+expect 0 splinemap diff room.splinemap copy.splinemap
+expect 0 splinemap simulate room.world noisy.lcmlog --seed 2
+expect 0 splinemap build noisy.lcmlog --out noisy.splinemap --name robot
+expect 1 splinemap diff room.splinemap noisy.splinemap
+expect_text "tiles differ" out
+expect 0 splinemap build room.lcmlog --out other.splinemap --name other
+expect 1 splinemap diff room.splinemap other.splinemap
+expect_text "layer other: only in other.splinemap" out
+
+# several channels fit
+expect 0 splinemap simulate room.world two.lcmlog --pose-rate 20
+sed 's/POSE/ODOM/' two.lcmlog > two_renamed.lcmlog  # a channel name of the same length
+cat two_renamed.lcmlog >> two.lcmlog
+expect 2 splinemap build two.lcmlog --out two.splinemap
+expect_text "--pose ODOM" err
+expect_text "--pose POSE" err
+expect 2 splinemap doctor two.lcmlog
+expect 0 splinemap doctor two.lcmlog --json
+[[ $(jq -r .problem out) == *"--pose"* ]] || fail "doctor --json"
+
+# import-carmen
+{
+  echo "# a CARMEN log"
+  for k in 1 2 3; do echo "FLASER 4 1 1.5 2 81.9 0.$k 0 0 0 0 0 0 host 0"; done
+  echo "FLASER 4 1 1"
+} > small.log
+gzip -k small.log
+expect 0 splinemap import-carmen small.log small.lcmlog
+expect_text "2 time stamps" err
+expect_text "the first is line 5" err
+expect 0 splinemap import-carmen small.log.gz small_gz.lcmlog --rate 10
+cmp small.lcmlog small_gz.lcmlog || fail "gz differs"
+expect 0 splinemap build small.lcmlog --out small.splinemap
+expect_text "mapped 3 of 3 scans" err
+
+# errors
+expect 2 splinemap
+expect 2 splinemap frobnicate
+expect 2 splinemap render
+expect 0 splinemap --help
+expect 0 splinemap --version
+for command in build info render query diff doctor watch simulate import-carmen; do
+  expect 0 splinemap $command --help
+  expect_text "Example" out
+done
+expect 1 splinemap info none.splinemap
+expect_text "there is no file none.splinemap" err
+expect 2 splinemap info room.world
+expect_text "no map file" err
+expect 1 splinemap doctor none.lcmlog
+expect 1 splinemap doctor room.world
+expect 2 splinemap import-carmen room.lcmlog x.lcmlog
+head -c 100000 room.lcmlog > cut.lcmlog
+expect 1 splinemap build cut.lcmlog --out cut.splinemap
+expect_text "ends within event" err
+expect 0 splinemap info cut.splinemap  # what came before is there
+
+# the daemon's configuration
+expect 0 splinemapd --scan LASER --pose POSE --print-config
+cmp out "$top/deploy/config/splinemapd.textproto" || fail "the shipped configuration is out of date"
+expect 0 splinemapd --config "$top/deploy/config/splinemapd.textproto" --check-config
+expect 2 splinemapd
+expect_text "--scan" err
+expect 2 splinemapd --scan LASER --pose POSE --nonsense
+printf 'pose: "POSE"\nscan { channel: "LASER" }\nmethod {\n  knot_interval_m: nan\n}\n' > bad.textproto
+expect 2 splinemapd --config bad.textproto --check-config
+expect_text "bad.textproto:4:3: knot_interval_m is nan" err
+expect 1 splinemapd --scan LASER --pose POSE --map no/such/folder/map --lcm-url memq://
+expect 1 splinemapd --scan LASER --pose POSE --lcm-url nonsense://
+
+echo "command_line: all is well"

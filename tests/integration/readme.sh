@@ -1,2 +1,59 @@
 #!/usr/bin/env bash
-exit 0
+# Runs every command of the README's examples, but those that fetch, install or build.
+if [[ -z ${LCM_DEFAULT_URL:-} || ${2:-} != inside ]]; then
+  exec "$1/deploy/own_bus.sh" "$0" "$1" inside
+fi
+# shellcheck source=tests/integration/support.sh
+source "$1/tests/integration/support.sh" "$1"
+
+# What the examples name.
+cat > short.world << 'EOF'
+wall { x0_m: 5 y0_m: -5 x1_m: 5 y1_m: 9 } waypoint { x_m: 0 } waypoint { x_m: 3 y_m: 6.5 }
+EOF
+splinemap simulate short.world drive.lcmlog 2> /dev/null
+splinemap build drive.lcmlog --out other.splinemap 2> /dev/null
+cp "$top/deploy/config/splinemapd.textproto" .
+printf '1,2\n3,4\n' > path.csv
+[[ ! -d $shared_data ]] || ln -s "$shared_data"/carmen/*.gz "$shared_data"/lcm/*.lcmlog .
+
+# The lines of the blocks marked sh.
+mapfile -t commands < <(awk '/^```/ { inside = ($0 == "```sh"); next } inside' "$top/README.md" |
+  sed 's/ *#.*//; /^$/d')
+((${#commands[@]} > 15)) || fail "only ${#commands[@]} commands found"
+
+ran=0
+for command in "${commands[@]}"; do
+  read -ra words <<< "$command"
+  case $command in
+    "git clone"* | deploy/demo.sh | tests/run.sh) continue ;;  # run by whoever reads this
+    "deploy/demo.sh "*)  # the same flags, offline; the demo is tried by hand
+      log=${words[1]}
+      [[ -e $log ]] || { echo "skipped, the shared data folder is not there: $command"; continue; }
+      if [[ $log == *.gz ]]; then
+        expect 0 splinemap import-carmen "$log" "$log.lcmlog"
+        log=$log.lcmlog
+      fi
+      expect 0 splinemap build "$log" --out recorded.splinemap --force "${words[@]:2}"
+      ;;
+    "splinemap import-carmen "* | *" intel.lcmlog "*)
+      [[ -e intel-corrected.log.gz ]] || continue
+      expect 0 "${words[@]}"
+      ;;
+    "splinemapd "*"&")  # the block on replay
+      splinemapd "${words[@]:1:${#words[@]}-2}" 2> daemon.log &
+      daemon=$!
+      await splinemap watch --once --timeout 2
+      ;;
+    "kill -INT %1 && wait")
+      sleep 1
+      kill -INT "$daemon"
+      wait "$daemon" || fail "the daemon failed: $(cat daemon.log)"
+      ;;
+    "splinemapd "*"-config") expect 0 "${words[@]}" ;;
+    "splinemapd "*) expect 0 timeout --preserve-status --signal=INT 2 "${words[@]}" ;;
+    "splinemap watch") expect 1 timeout 10 splinemap watch ;;  # nobody is there: it says so
+    *) expect 0 "${words[@]}" ;;
+  esac
+  ran=$((ran + 1))
+done
+echo "readme: $ran commands ran"

@@ -1,0 +1,147 @@
+#!/usr/bin/env bash
+# Maps a drive, from lcm-logplayer over LCM into splinemapd, and shows the map.
+set -euo pipefail
+
+usage() {
+  cat << EOF
+usage: deploy/demo.sh [--yes] [LOG [input flags of splinemapd]]
+
+  deploy/demo.sh                                     a simulated drive through an office floor
+  deploy/demo.sh drive.lcmlog                        an LCM log
+  deploy/demo.sh intel.log.gz                        a CARMEN log
+  deploy/demo.sh lab.lcmlog --pose SLAM_POSE --scan LIDAR:michigan_2017,time_offset_ms=-200
+
+Installs what is missing (asks first on a terminal, unless --yes), builds, plays the log on a bus of
+its own that no robot hears, and writes build/demo/map.png and build/demo/demo.splinemap.
+EOF
+}
+
+top=$(cd "$(dirname "$0")/.." && pwd)
+out=$top/build/demo
+PATH=$top/build/release/clients/splinemap:$top/build/release/services/splinemapd:$PATH
+
+say() { printf '%s\n' "$*" >&2; }
+die() { say "demo: $*"; exit 1; }
+
+build() {
+  say "Building (the first time takes some minutes) .."
+  (cd "$top" && cmake --preset release > "$out/build.log" 2>&1 &&
+    cmake --build --preset release >> "$out/build.log" 2>&1) ||
+    { grep -E "error|Error" "$out/build.log" | head -5 >&2; die "the build failed; see $out/build.log"; }
+}
+
+# Leaves the drive as an LCM log and prints its path.
+prepare_log() {
+  local log=$1
+  if [[ -z $log ]]; then
+    splinemap simulate "$out/office.lcmlog"
+    echo "$out/office.lcmlog"
+  elif [[ $(head -c 4 "$log" | od -An -tx1 | tr -d ' \n') == eda1da01 ]]; then
+    realpath "$log"
+  else
+    splinemap import-carmen "$log" "$out/imported.lcmlog" ||
+      die "$log is neither an LCM log nor a CARMEN log"
+    echo "$out/imported.lcmlog"
+  fi
+}
+
+# A speed at which the log takes about 20 s, and at most 1,000 messages come a second.
+choose_speed() {
+  jq -r '([.channels[].messages] | add) as $messages
+    | ([20, $messages / 1000] | max) as $seconds
+    | [1, .duration_s / $seconds] | max' "$out/log.json"
+}
+
+newest() { tail -n 1 "$out/status.jsonl" 2> /dev/null | jq -r "$1" 2> /dev/null || echo 0; }
+
+show_progress() {
+  local scans=$1
+  [[ -t 2 ]] || return 0
+  printf '\r  %s of %s scans received, %s mapped, %s tiles \e[K' "$(newest .scans_received)" \
+    "$scans" "$(newest .scans_mapped)" "$(newest .tiles)" >&2
+}
+
+# The part on the demo's own bus: play LOG into a daemon with the remaining arguments as flags.
+play() {
+  local log=$1 speed=$2 scans=$3 messages=$4
+  shift 4
+  rm -f "$out"/demo.splinemap*
+  splinemapd --map "$out/demo.splinemap" "$@" 2> "$out/splinemapd.log" &
+  local daemon=$!
+  trap 'kill "$daemon" 2> /dev/null || true' EXIT
+  splinemap watch --once --timeout 15 > /dev/null ||
+    { cat "$out/splinemapd.log" >&2; die "the daemon did not start"; }
+  splinemap watch --json > "$out/status.jsonl" 2> /dev/null &
+  local watch=$!
+
+  lcm-logplayer -s "$speed" "$log" > "$out/logplayer.log" 2>&1 &
+  local player=$!
+  while kill -0 "$player" 2> /dev/null; do
+    show_progress "$scans"
+    sleep 0.3
+  done
+  wait "$player" || { cat "$out/logplayer.log" >&2; die "lcm-logplayer failed"; }
+  # The last messages are under way; the next status tells.
+  for _ in {1..20}; do
+    (($(newest .messages_received) >= messages)) && break
+    sleep 0.3
+  done
+  show_progress "$scans"
+  if [[ -t 2 ]]; then printf '\n' >&2; fi
+  kill "$daemon"
+  wait "$daemon" || { cat "$out/splinemapd.log" >&2; die "the daemon failed"; }
+  trap - EXIT
+  sleep 0.2  # the daemon's last status
+  kill "$watch"
+  wait "$watch" 2> /dev/null || true
+
+  grep -E 'warning|error|dropped' "$out/splinemapd.log" >&2 || true
+  local received
+  received=$(newest .messages_received)
+  say "Sent $messages messages; received $received, mapped $(newest .scans_mapped) of $scans scans."
+  ((received == messages)) || die "$((messages - received)) messages were lost on the way"
+}
+
+main() {
+  local assume_yes=no log=
+  [[ ${1:-} != --yes ]] || { assume_yes=yes; shift; }
+  [[ ${1:-} != -h && ${1:-} != --help ]] || { usage; exit 0; }
+  if (($#)) && [[ $1 != -* ]]; then
+    log=$1
+    shift
+    [[ -r $log ]] || die "cannot read $log"
+  elif (($#)); then
+    usage >&2
+    exit 2
+  fi
+  mkdir -p "$out"
+  # shellcheck source=deploy/packages.sh
+  source "$top/deploy/packages.sh"
+  install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" "${DEMO_PACKAGES[@]}"
+  build
+  log=$(prepare_log "$log")
+
+  splinemap doctor "$log" --json "$@" > "$out/log.json"
+  [[ $(jq -r .problem "$out/log.json") == null ]] || die "$(jq -r .problem "$out/log.json")"
+  local chosen speed scans messages
+  mapfile -t chosen < <(jq -r '.chosen_flags[]' "$out/log.json")
+  speed=$(choose_speed)
+  scans=$(jq '.scans as $s | [.channels[] | select(.name | IN($s[])) | .messages] | add' \
+    "$out/log.json")
+  messages=$(jq '(.scans + [.pose]) as $c | [.channels[] | select(.name | IN($c[])) | .messages] | add' \
+    "$out/log.json")
+  say "Playing $(basename "$log") ($(jq '.duration_s | round' "$out/log.json") s) at speed $(printf %.1f "$speed") into splinemapd .."
+  "$top/deploy/own_bus.sh" "$0" --play "$log" "$speed" "$scans" "$messages" "$@" "${chosen[@]}"
+
+  splinemap render "$out/demo.splinemap"
+  splinemap render "$out/demo.splinemap" "$out/map.png" 2> /dev/null
+  splinemap info "$out/demo.splinemap"
+  echo "The map: $out/map.png (and $out/demo.splinemap)"
+}
+
+if [[ ${1:-} == --play ]]; then
+  shift
+  play "$@"
+else
+  main "$@"
+fi

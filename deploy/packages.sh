@@ -1,0 +1,40 @@
+# shellcheck shell=bash disable=SC2034  # the lists are for those who source this
+# Debian packages that splinemap needs. Sourced by demo.sh and tests/run.sh.
+
+BUILD_PACKAGES=(
+  g++ cmake ninja-build ccache pkg-config
+  liblcm-dev liblcm-bin libglib2.0-dev libeigen3-dev libprotobuf-dev protobuf-compiler libzstd-dev
+  libabsl-dev libfmt-dev libspdlog-dev libcli11-dev libsqlite3-dev libsqlitecpp-dev libxxhash-dev
+  libpng-dev zlib1g-dev nlohmann-json3-dev
+)
+DEMO_PACKAGES=(jq iproute2)
+TEST_PACKAGES=(libgtest-dev jq iproute2 sqlite3)
+
+# install_packages ASSUME_YES PACKAGE..: says which are missing and installs them. With ASSUME_YES=no
+# it asks on a terminal first.
+install_packages() {
+  local assume_yes=$1 package missing=() as_root=()
+  shift
+  if ! command -v dpkg-query > /dev/null; then
+    echo "This is no Debian or Ubuntu; make sure that the equivalents are there of: $*" >&2
+    return 0
+  fi
+  for package in "$@"; do
+    # shellcheck disable=SC2016  # ${Status} is dpkg-query's
+    [[ $(dpkg-query -W -f '${Status}' "$package" 2> /dev/null) == *" installed" ]] ||
+      missing+=("$package")
+  done
+  ((${#missing[@]})) || return 0
+  echo "Missing packages: ${missing[*]}" >&2
+  if [[ $assume_yes != yes && -t 0 ]]; then
+    read -r -p "Install them with apt-get? [Y/n] " answer
+    [[ -z $answer || $answer == [yY]* ]] || { echo "Nothing was installed." >&2; return 1; }
+  fi
+  ((EUID == 0)) || as_root=(sudo)
+  if ! { "${as_root[@]}" apt-get update -qq &&
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+      apt-get install -y -qq --no-install-recommends "${missing[@]}" > /dev/null; }; then
+    echo "apt-get failed. Try: ${as_root[*]} apt-get install ${missing[*]}" >&2
+    return 1
+  fi
+}

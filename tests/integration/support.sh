@@ -1,0 +1,37 @@
+# shellcheck shell=bash
+# What the integration scripts share. They get the top of the checkout as $1 and the programs on PATH.
+set -euo pipefail
+top=$1
+shared_data=$top/../shared/data
+export top shared_data
+work=$(mktemp -d)
+# Ends what the script started, by id.
+clean_up() {
+  local job
+  for job in $(jobs -p); do kill "$job" 2> /dev/null || true; done
+  rm -rf "$work"
+}
+trap clean_up EXIT
+cd "$work"
+
+fail() { echo "FAILED: $*" >&2; exit 1; }
+
+# expect STATUS COMMAND..: the command ends with that status; its output is in $work/out and $work/err.
+expect() {
+  local wanted=$1 status=0
+  shift
+  "$@" > "$work/out" 2> "$work/err" || status=$?
+  ((status == wanted)) || fail "status $status in place of $wanted: $* : $(cat "$work/out" "$work/err")"
+}
+
+# expect_text TEXT FILE: the file of the last expect, out or err, has the text.
+expect_text() { grep -qF -- "$1" "$work/$2" || fail "no '$1' in: $(cat "$work/$2")"; }
+
+# await COMMAND..: until it succeeds, at most 20 s.
+await() {
+  for _ in {1..100}; do
+    if "$@" > /dev/null 2>&1; then return 0; fi
+    sleep 0.2
+  done
+  fail "did not come true in 20 s: $*"
+}

@@ -1,0 +1,48 @@
+#!/usr/bin/env bash
+# Installs what the tests need, builds, runs every test, ends with ctest's summary.
+set -euo pipefail
+
+usage() {
+  cat << EOF
+usage: tests/run.sh [--yes] [PRESET [ctest arguments]]
+
+  tests/run.sh                  every test, and the unit tests under address sanitizer
+  tests/run.sh dev              every test
+  tests/run.sh asan             unit tests under address and undefined-behaviour sanitizers
+  tests/run.sh tsan             the tests with threads under thread sanitizer
+  tests/run.sh dev -R Queue     the tests of a name
+
+Installs missing packages with apt-get (asks first on a terminal, unless --yes).
+EOF
+}
+
+cd "$(dirname "$0")/.."
+assume_yes=no
+[[ ${1:-} != --yes ]] || { assume_yes=yes; shift; }
+case ${1:-} in
+  "" | dev | asan | tsan) ;;
+  -h | --help) usage; exit 0 ;;
+  *) usage >&2; exit 2 ;;
+esac
+
+# shellcheck source=deploy/packages.sh
+source deploy/packages.sh
+install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" "${TEST_PACKAGES[@]}"
+
+run() {
+  local preset=$1
+  shift
+  [[ -f build/$preset/build.ninja ]] || cmake --preset "$preset"
+  cmake --build --preset "$preset"
+  ctest --preset "$preset" --parallel "$(nproc)" --progress "$@"
+}
+
+case ${1:-} in
+  dev) run "$@" ;;
+  asan) run "$@" -L unit ;;
+  tsan) run "$@" -R '^(DaemonTest|IngestQueueTest|MapTest)' ;;
+  "")
+    run asan -L unit
+    run dev
+    ;;
+esac
