@@ -113,10 +113,10 @@ TEST(BeamModelTest, TheOrderOfBeamsDoesNotMatter) {
 TEST(BeamModelTest, TheHeaviestScanDoesNotOverflow) {
   const BeamModelOptions strongest{kMaxKappaHit, kMinKappaFree, kMinFreeSampleSpacingKnots};
   const std::vector<PlacedBeam> hits(kMaxBeams, Beam(0, 0, 0, 0.05));
-  EXPECT_NEAR(MapOf(hits, strongest)->Evaluate(0.05, 0).log_odds, 100, 1e-9);
+  EXPECT_GT(MapOf(hits, strongest)->Evaluate(0.05, 0).log_odds, 99);
   const std::vector<PlacedBeam> free(kMaxBeams, Beam(0, 0, 0.6, 1, false));
-  EXPECT_NEAR(MapOf(free, strongest)->Evaluate(0.3 * std::cos(0.6), 0.3 * std::sin(0.6)).log_odds,
-              -100, 1e-9);
+  EXPECT_LT(MapOf(free, strongest)->Evaluate(0.3 * std::cos(0.6), 0.3 * std::sin(0.6)).log_odds,
+            -99);
 }
 
 }  // namespace
