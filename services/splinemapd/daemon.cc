@@ -184,15 +184,15 @@ void Daemon::PublishStatus() { bus_->Publish(config_.channel_prefix() + "_STATUS
 
 status_t Daemon::Status() {
   status_t status;
-  const auto now = steady_clock::now();
   status.utime = std::chrono::duration_cast<std::chrono::microseconds>(
                      std::chrono::system_clock::now().time_since_epoch())
                      .count();
   status.version = SPLINEMAP_VERSION;
-  status.uptime_s = Seconds(now - started_);
   status.messages_queued = static_cast<int32_t>(ingest_.size());
 
   MutexLock lock(map_mutex_);
+  const auto now = steady_clock::now();
+  status.uptime_s = Seconds(now - started_);
   status.name = layer_->id().name;
   status.origin = static_cast<int64_t>(layer_->id().origin);
   status.incarnation = static_cast<int64_t>(layer_->epoch().incarnation);

@@ -112,7 +112,7 @@ TEST(BeamModelTest, TheOrderOfBeamsDoesNotMatter) {
 // The bound that ScanScratch states: the most beams with the strongest options through one point.
 TEST(BeamModelTest, TheHeaviestScanDoesNotOverflow) {
   const BeamModelOptions strongest{kMaxKappaHit, kMinKappaFree, kMinFreeSampleSpacingKnots};
-  const std::vector<PlacedBeam> hits(kMaxBeams, Beam(0, 0, 0, 0.05));
+  const std::vector<PlacedBeam> hits(kMaxBeams, Beam(0.01, 0, 0, 0.04));  // no free sample
   EXPECT_GT(MapOf(hits, strongest)->Evaluate(0.05, 0).log_odds, 99);
   const std::vector<PlacedBeam> free(kMaxBeams, Beam(0, 0, 0.6, 1, false));
   EXPECT_LT(MapOf(free, strongest)->Evaluate(0.3 * std::cos(0.6), 0.3 * std::sin(0.6)).log_odds,
