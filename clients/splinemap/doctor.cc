@@ -2,6 +2,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "absl/strings/escaping.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/progress.h"
 #include "lib/base/status.h"
@@ -54,14 +55,17 @@ void PrintJson(const LogSurvey& survey, const config::Config& chosen, const conf
   } else {
     json["problem"] = ErrorText(choice);
   }
-  std::printf("%s\n", json.dump(2).c_str());
+  // Channel names may be any bytes.
+  const auto replace = nlohmann::json::error_handler_t::replace;
+  std::printf("%s\n", json.dump(2, ' ', false, replace).c_str());
 }
 
 void PrintTable(const LogSurvey& survey) {
   std::printf("%-24s %-26s %9s %9s  %s\n", "channel", "type", "messages", "rate_hz", "preset");
   for (const LoggedChannel& channel : survey.channels) {
-    std::printf("%-24s %-26s %9ld %9.1f  %s\n", channel.name.c_str(), TypeOf(channel).c_str(),
-                static_cast<long>(channel.messages), channel.rate_hz, channel.preset.c_str());
+    std::printf("%-24s %-26s %9ld %9.1f  %s\n", absl::Utf8SafeCHexEscape(channel.name).c_str(),
+                TypeOf(channel).c_str(), static_cast<long>(channel.messages), channel.rate_hz,
+                channel.preset.c_str());
   }
   std::printf("%.1f s\n", survey.duration_s);
 }

@@ -19,7 +19,7 @@ namespace {
 struct Flags {
   std::string map;
   std::string out;
-  double pixels_per_knot = 2;
+  double pixels_per_knot = 0;  // 0: to fit
 };
 
 std::string Preview(const Raster& raster) {
@@ -44,7 +44,10 @@ absl::StatusOr<int> Render(const Flags& flags) {
     std::fputs(Preview(raster).c_str(), stdout);
     return kSuccess;
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(const Raster raster, RenderMap(*loaded.map, flags.pixels_per_knot));
+  constexpr int kSide = 1200;
+  const double pixels_per_knot =
+      flags.pixels_per_knot > 0 ? flags.pixels_per_knot : FittingPixelsPerKnot(*loaded.map, kSide);
+  SPLINEMAP_ASSIGN_OR_RETURN(const Raster raster, RenderMap(*loaded.map, pixels_per_knot));
   SPLINEMAP_RETURN_IF_ERROR(WritePng(raster, flags.out));
   std::fprintf(stderr, "%s: %d x %d pixels of %.4g m, left %.4g m, top %.4g m\n", flags.out.c_str(),
                raster.width, raster.height, raster.pixel_m, raster.left_m, raster.top_m);
@@ -69,7 +72,7 @@ void AddRender(CLI::App& app, Command& chosen) {
   command->add_option("OUT.png", flags->out, "Picture to write");
   command
       ->add_option("--px-per-knot", flags->pixels_per_knot,
-                   "Pixels per knot interval each way (default 2)")
+                   "Pixels per knot interval each way (default: a picture of about 1,200 pixels)")
       ->check(CLI::Range(0.01, 64.0));
   command->callback([flags, &chosen] { chosen = [flags] { return Render(*flags); }; });
 }

@@ -3,6 +3,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "absl/strings/escaping.h"
 #include "clients/splinemap/commands.h"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
@@ -46,13 +47,14 @@ nlohmann::json ToJson(const status_t& status) {
           {"last_problem", status.last_problem}};
 }
 
+// Texts come from the bus: control characters are shown, not sent to the terminal.
 std::string Line(const status_t& status) {
   std::string line = fmt::format(
       "{}: {} scans and {} poses in, {} mapped, {} dropped, {} waiting; {} tiles; {:.3f} ms a scan",
-      status.name, status.scans_received, status.poses_received, status.scans_mapped,
-      status.messages_dropped, status.messages_queued + status.scans_queued, status.tiles,
-      status.scan_time_mean_ms);
-  if (!status.last_problem.empty()) line += "; " + status.last_problem;
+      absl::Utf8SafeCHexEscape(status.name), status.scans_received, status.poses_received,
+      status.scans_mapped, status.messages_dropped, status.messages_queued + status.scans_queued,
+      status.tiles, status.scan_time_mean_ms);
+  if (!status.last_problem.empty()) line += "; " + absl::Utf8SafeCHexEscape(status.last_problem);
   return line;
 }
 

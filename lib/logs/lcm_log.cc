@@ -54,7 +54,7 @@ absl::Status ReadLcmLog(const std::string& path, absl::FunctionRef<void(const Lo
     const size_t header_size = std::fread(header.data(), 1, header.size(), file.get());
     if (header_size == 0) break;
     if (header_size < header.size()) {
-      return DataLoss("{} ends within event {}, at byte {}", path, count, bytes_read);
+      return DataLoss("{} ends within event {}", path, count);
     }
     if (!std::equal(kSync.begin(), kSync.end(), header.begin())) {
       return DataLoss("{} is no LCM log, or damaged: no event {} at byte {}", path, count,
@@ -67,13 +67,15 @@ absl::Status ReadLcmLog(const std::string& path, absl::FunctionRef<void(const Lo
                       message_bytes);
     }
     event.utime = Utime(static_cast<int64_t>(BigEndian(&header[12], 8)));
-    event.channel.resize(channel_bytes);
-    message.resize(message_bytes);
-    if (std::fread(event.channel.data(), 1, channel_bytes, file.get()) != channel_bytes ||
-        std::fread(message.data(), 1, message_bytes, file.get()) != message_bytes) {
-      return DataLoss("{} ends within event {}, at byte {}", path, count, bytes_read);
-    }
     bytes_read += kHeaderBytes + channel_bytes + message_bytes;
+    const bool is_complete = static_cast<double>(bytes_read) <= file_bytes;
+    event.channel.resize(channel_bytes);
+    message.resize(is_complete ? message_bytes : 0);
+    if (!is_complete ||
+        std::fread(event.channel.data(), 1, channel_bytes, file.get()) != channel_bytes ||
+        std::fread(message.data(), 1, message_bytes, file.get()) != message_bytes) {
+      return DataLoss("{} ends within event {}", path, count);
+    }
     event.message = message;
     visit(event);
   }

@@ -49,6 +49,12 @@ struct TileKey {
   }
 };
 
+// True for the keys of control points within kMaxKnotIndex, the only ones that a TileTree takes.
+constexpr bool IsInRange(TileKey key) {
+  constexpr int32_t kMax = kMaxKnotIndex >> 5;
+  return key.tx >= -kMax && key.tx <= kMax && key.ty >= -kMax && key.ty <= kMax;
+}
+
 // 32 x 32 control points, row-major: x runs fastest. An absent tile equals one of zeros.
 struct alignas(64) Tile {
   static constexpr int kSide = 32;

@@ -50,8 +50,9 @@ class TileTree {
   size_t size_ = 0;
 };
 
-// Changes a tree. Writes in place what no frozen tree shares and copies the rest, so an edit after
-// a Freeze() costs one path of nodes and one tile. Thread-compatible.
+// Changes a tree; keys have to be IsInRange(). Writes in place what no frozen tree shares and
+// copies the rest, so an edit after a Freeze() costs one path of nodes and one tile.
+// Thread-compatible.
 class TileTreeEditor {
  public:
   // Begins with an empty tree, or with `base`, which stays as it is.

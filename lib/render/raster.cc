@@ -19,6 +19,11 @@ struct KnotBox {
   int32_t min_j = std::numeric_limits<int32_t>::max();
   int32_t max_i = std::numeric_limits<int32_t>::min();
   int32_t max_j = std::numeric_limits<int32_t>::min();
+
+  bool empty() const { return min_i > max_i; }
+  // In knot intervals, half of one beyond the outermost control points.
+  double width() const { return double{1} + max_i - min_i; }
+  double height() const { return double{1} + max_j - min_j; }
 };
 
 KnotBox TouchedBox(const TileTree& tiles) {
@@ -41,10 +46,10 @@ KnotBox TouchedBox(const TileTree& tiles) {
 
 absl::StatusOr<Raster> RenderMap(const MapSnapshot& map, double pixels_per_knot) {
   const KnotBox box = TouchedBox(map.merged);
-  if (box.min_i > box.max_i) return FailedPrecondition("the map is empty: no scan was mapped");
+  if (box.empty()) return FailedPrecondition("the map is empty: no scan was mapped");
   const double knot_m = map.options.knot_interval_m;
-  const double width = std::ceil((double{1} + box.max_i - box.min_i) * pixels_per_knot);
-  const double height = std::ceil((double{1} + box.max_j - box.min_j) * pixels_per_knot);
+  const double width = std::ceil(box.width() * pixels_per_knot);
+  const double height = std::ceil(box.height() * pixels_per_knot);
   if (!(width >= 1 && height >= 1 && width * height <= kMaxPixels)) {
     return InvalidArgument("a picture of {:.0f} x {:.0f} pixels is too large; use fewer per knot",
                            width, height);
@@ -67,6 +72,12 @@ absl::StatusOr<Raster> RenderMap(const MapSnapshot& map, double pixels_per_knot)
     }
   }
   return raster;
+}
+
+double FittingPixelsPerKnot(const MapSnapshot& map, int side) {
+  const KnotBox box = TouchedBox(map.merged);
+  if (box.empty()) return 1;
+  return std::clamp(std::round(side / std::max(box.width(), box.height())), 1.0, 8.0);
 }
 
 absl::Status WritePng(const Raster& raster, const std::string& path) {

@@ -30,6 +30,10 @@ struct Raster {
 // pixels.
 absl::StatusOr<Raster> RenderMap(const MapSnapshot& map, double pixels_per_knot);
 
+// A whole number of pixels per knot interval, 1 to 8, with which the longer side of the picture
+// comes near to `side` pixels.
+double FittingPixelsPerKnot(const MapSnapshot& map, int side);
+
 // Unknown blue-grey, free white, occupied black.
 absl::Status WritePng(const Raster& raster, const std::string& path);
 

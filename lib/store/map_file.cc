@@ -4,7 +4,9 @@
 #include <sqlite3.h>
 
 #include <chrono>
+#include <cmath>
 #include <filesystem>
+#include <limits>
 #include <utility>
 
 #include "lib/base/status.h"
@@ -94,6 +96,14 @@ void MakeSchema(SQLite::Database& database) {
   transaction.commit();
 }
 
+bool IsPlausible(const store::MapRecord& record) {
+  constexpr int kMin = std::numeric_limits<ControlPoint>::min();
+  constexpr int kMax = std::numeric_limits<ControlPoint>::max();
+  return record.knot_interval_m() > 0 && std::isfinite(record.knot_interval_m()) &&
+         record.clamp_min() >= kMin && record.clamp_min() < 0 && record.clamp_max() > 0 &&
+         record.clamp_max() <= kMax;
+}
+
 int64_t HostUtime() {
   return std::chrono::duration_cast<std::chrono::microseconds>(
              std::chrono::system_clock::now().time_since_epoch())
@@ -157,8 +167,7 @@ absl::StatusOr<LoadedMap> MapFile::LoadUnchecked() {
   SQLite::Statement map_query(*database_, "SELECT record FROM map");
   if (!map_query.executeStep()) return NotFound("{} holds no map yet", path_);
   store::MapRecord map_record;
-  if (!map_record.ParseFromString(map_query.getColumn(0).getString()) ||
-      !(map_record.knot_interval_m() > 0)) {
+  if (!map_record.ParseFromString(map_query.getColumn(0).getString()) || !IsPlausible(map_record)) {
     return DataLoss("{} is damaged: its map record cannot be read", path_);
   }
   Map map({map_record.knot_interval_m(),
@@ -184,7 +193,10 @@ absl::StatusOr<LoadedMap> MapFile::LoadUnchecked() {
                               FromSql(tiles.getColumn(2).getInt64()),
                               tiles.getColumn(4).getString(),
                               FromSql(tiles.getColumn(3).getInt64())};
-      absl::StatusOr<Tile> tile = TileOfUpdate(update);
+      const absl::StatusOr<Tile> tile =
+          IsInRange(update.key)
+              ? TileOfUpdate(update)
+              : DataLoss("tile ({}, {}) is out of range", update.key.tx, update.key.ty);
       if (tile.ok()) {
         layer.RestoreTile(update.key, std::make_shared<const Tile>(*tile), update.revision);
       } else {

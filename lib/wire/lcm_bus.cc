@@ -1,6 +1,7 @@
 #include "lib/wire/lcm_bus.h"
 
 #include <cctype>
+#include <thread>
 
 #include "lib/base/status.h"
 
@@ -47,7 +48,9 @@ void LcmBus::Subscribe(const std::string& channel, Handler handler) {
 }
 
 bool LcmBus::Handle(std::chrono::milliseconds timeout) {
-  return lcm_.handleTimeout(static_cast<int>(timeout.count())) > 0;
+  const int result = lcm_.handleTimeout(static_cast<int>(timeout.count()));
+  if (result < 0) std::this_thread::sleep_for(timeout);  // broken bus: do not spin on it
+  return result > 0;
 }
 
 }  // namespace splinemap

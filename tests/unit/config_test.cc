@@ -1,5 +1,6 @@
 #include "lib/config/config.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -125,6 +126,18 @@ TEST(CheckConfigTest, RefusesWhatCannotWork) {
   scan.set_range_max_m(0.2);
   scan.set_range_min_m(0.2);
   EXPECT_FALSE(CheckConfig(config).ok()) << "no range left";
+}
+
+TEST(CheckedTextTest, AllowsJustTheStrengthsThatTheSumsAreSafeFor) {
+  const auto is_allowed = [](const std::string& field, double value) {
+    return ErrorOf(fmt::format("method {{ {}: {} }}", field, value)).empty();
+  };
+  EXPECT_TRUE(is_allowed("kappa_hit", kMaxKappaHit));
+  EXPECT_FALSE(is_allowed("kappa_hit", kMaxKappaHit + 0.01));
+  EXPECT_TRUE(is_allowed("kappa_free", kMinKappaFree));
+  EXPECT_FALSE(is_allowed("kappa_free", kMinKappaFree - 0.01));
+  EXPECT_TRUE(is_allowed("free_sample_spacing_knots", kMinFreeSampleSpacingKnots));
+  EXPECT_FALSE(is_allowed("free_sample_spacing_knots", kMinFreeSampleSpacingKnots - 0.01));
 }
 
 TEST(LoadConfigTest, NamesTheFile) {

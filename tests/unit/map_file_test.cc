@@ -176,11 +176,19 @@ TEST_F(MapFileTest, ADamagedTileIsReportedAndTheRestIsLoaded) {
     SQLite::Database database(path_, SQLite::OPEN_READWRITE);
     database.exec("UPDATE tile SET checksum = checksum + 1 WHERE tx = 2");
     database.exec("UPDATE tile SET content = x'00' WHERE tx = 3");
+    database.exec("UPDATE tile SET tx = 2147483647 WHERE tx = 1");
   }
   const auto loaded = ReadMapFile(path_);
   ASSERT_TRUE(loaded.ok()) << loaded.status();
-  EXPECT_EQ(loaded->damages.size(), 2u);
-  EXPECT_EQ(loaded->map->merged.size(), 5u);
+  EXPECT_EQ(loaded->damages.size(), 3u);
+  EXPECT_EQ(loaded->map->merged.size(), 4u);
+}
+
+TEST_F(MapFileTest, ADamagedMapRecordIsRefused) {
+  map_.AddLayer({"robot", 1}, {1, 1});
+  ASSERT_TRUE(MapFile::Open(path_)->Save(*map_.Snapshot()).ok());
+  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("UPDATE map SET record = x''");
+  EXPECT_TRUE(absl::IsDataLoss(ReadMapFile(path_).status()));
 }
 
 TEST_F(MapFileTest, RefusesWhatIsNoMapInWords) {

@@ -51,6 +51,12 @@ TEST(RasterTest, PixelsShowTheSurfaceAtTheirCentre) {
   EXPECT_GT(occupied, 50);
 }
 
+TEST(RasterTest, FitsThePictureToASide) {
+  EXPECT_EQ(FittingPixelsPerKnot(*Room(), 60), 4);  // the longer side is 15 knots
+  EXPECT_EQ(FittingPixelsPerKnot(*Room(), 1), 1);
+  EXPECT_EQ(FittingPixelsPerKnot(*Room(), 100'000), 8);
+}
+
 TEST(RasterTest, AnEmptyMapAndAHugePictureAreRefused) {
   Map map({0.05, {}});
   map.AddLayer({"robot", 1}, {1, 1});
