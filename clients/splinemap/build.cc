@@ -35,6 +35,19 @@ void Report(const MapperCounts& counts, const MapSnapshot& map, const std::strin
   }
 }
 
+// What a map that is to be replaced has in files beside it would be taken for the new one's.
+absl::Status SettleOld(const std::string& out) {
+  std::error_code error;
+  if (!std::filesystem::exists(out, error)) return absl::OkStatus();
+  SPLINEMAP_ASSIGN_OR_RETURN(MapFile old, MapFile::Open(out));
+  SPLINEMAP_RETURN_IF_ERROR(old.Close());
+  if (std::filesystem::exists(out + "-wal", error)) {
+    return FailedPrecondition(
+        "{} is in use; end the daemon that maps into it, or give another --out", out);
+  }
+  return absl::OkStatus();
+}
+
 // A save is whole or not at all, and so is the file: it gets its name when it is complete.
 absl::Status SaveAs(const MapSnapshot& map, const std::string& out) {
   const std::string part = out + ".part";
@@ -43,14 +56,17 @@ absl::Status SaveAs(const MapSnapshot& map, const std::string& out) {
   {
     SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(part));
     SPLINEMAP_RETURN_IF_ERROR(file.Save(map));
+    SPLINEMAP_RETURN_IF_ERROR(file.Close());
   }
+  SPLINEMAP_RETURN_IF_ERROR(SettleOld(out));
   std::filesystem::rename(part, out, error);
   if (error) return Unavailable("cannot write {}: {}", out, error.message());
   return absl::OkStatus();
 }
 
 absl::StatusOr<int> Build(const Flags& flags) {
-  if (std::filesystem::exists(flags.out) && !flags.force) {
+  std::error_code ignored;
+  if (std::filesystem::exists(flags.out, ignored) && !flags.force) {
     return InvalidArgument("{} exists; --force replaces it", flags.out);
   }
   SPLINEMAP_ASSIGN_OR_RETURN(config::Config config, ConfigOf(flags.input));
@@ -75,8 +91,7 @@ absl::StatusOr<int> Build(const Flags& flags) {
   }
   mapper.Flush();
   for (const Notice& notice : mapper.TakeNotices()) {
-    // Report() sums up the drops.
-    if (!notice.is_problem) std::fprintf(stderr, "%s\n", notice.text.c_str());
+    std::fprintf(stderr, "%s\n", notice.text.c_str());
   }
   const MapperCounts counts = mapper.counts();
   if (!read.ok()) std::fprintf(stderr, "%s\n", ErrorText(read).c_str());

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <set>
@@ -35,17 +36,23 @@ Difference Compare(const TileTree& a, const TileTree& b) {
   return difference;
 }
 
-// The layer of `layers` that answers to `id`: the same one, or else the only one of its name that
-// is not yet taken, since two builds of one robot differ in their origin.
-const LayerSnapshot* Counterpart(const LayerId& id, const std::vector<LayerSnapshot>& layers,
+bool Has(const std::vector<LayerSnapshot>& layers, const LayerId& id) {
+  return std::any_of(layers.begin(), layers.end(),
+                     [&](const LayerSnapshot& layer) { return layer.id == id; });
+}
+
+// The layer of `layers` that answers to `id` of `others`: the same one, or else one of its name
+// that is not taken and no other's very own, since two builds of one robot differ in their origin.
+const LayerSnapshot* Counterpart(const LayerId& id, const std::vector<LayerSnapshot>& others,
+                                 const std::vector<LayerSnapshot>& layers,
                                  const std::set<const LayerSnapshot*>& taken) {
+  const LayerSnapshot* of_that_name = nullptr;
   for (const LayerSnapshot& layer : layers) {
     if (layer.id == id) return &layer;
+    const bool is_free = !taken.contains(&layer) && !Has(others, layer.id);
+    if (layer.id.name == id.name && is_free) of_that_name = &layer;
   }
-  for (const LayerSnapshot& layer : layers) {
-    if (layer.id.name == id.name && !taken.contains(&layer)) return &layer;
-  }
-  return nullptr;
+  return of_that_name;
 }
 
 absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
@@ -68,7 +75,7 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
   }
   std::set<const LayerSnapshot*> taken;
   for (const LayerSnapshot& layer : a.layers) {
-    const LayerSnapshot* other = Counterpart(layer.id, b.layers, taken);
+    const LayerSnapshot* other = Counterpart(layer.id, a.layers, b.layers, taken);
     if (other == nullptr) {
       std::printf("layer %s: only in %s\n", layer.id.name.c_str(), path_a.c_str());
       equal = false;

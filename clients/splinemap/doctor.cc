@@ -78,16 +78,17 @@ absl::StatusOr<int> Doctor(const Flags& flags) {
     SPLINEMAP_ASSIGN_OR_RETURN(survey,
                                SurveyLog(flags.log, [&](double share) { bar.Show(share); }));
   }
+  if (!survey.damage.empty()) fmt::print(stderr, "{}\n", survey.damage);
   config::Config chosen = given;
   const absl::Status choice = ChooseChannels(survey, chosen);
   if (flags.json) {
     PrintJson(survey, chosen, given, choice);
-    return kSuccess;
+    return survey.damage.empty() ? kSuccess : kFailed;
   }
   PrintTable(survey);
   SPLINEMAP_RETURN_IF_ERROR(choice);
   fmt::print("map it with: {}\n", fmt::join(FlagsOf(chosen, {}), " "));
-  return kSuccess;
+  return survey.damage.empty() ? kSuccess : kFailed;
 }
 
 constexpr const char* kExamples = R"(

@@ -24,9 +24,10 @@ double Area(const MapSnapshot& map, const TileTree& tiles) {
 }
 
 nlohmann::json ToJson(const MapSnapshot& map, const std::string& path) {
+  std::error_code ignored;
   nlohmann::json json = {
       {"file", path},
-      {"file_bytes", std::filesystem::file_size(path)},
+      {"file_bytes", std::filesystem::file_size(path, ignored)},
       {"knot_interval_m", map.options.knot_interval_m},
       {"clamp_min", map.options.limits.min / double{kUnitsPerLogOdds}},
       {"clamp_max", map.options.limits.max / double{kUnitsPerLogOdds}},
@@ -65,7 +66,8 @@ absl::StatusOr<int> Info(const std::string& path, bool as_json) {
   nlohmann::json json = ToJson(*loaded.map, path);
   json["damages"] = loaded.damages;
   if (as_json) {
-    fmt::print("{}\n", json.dump(2));
+    // Paths and names may be any bytes.
+    fmt::print("{}\n", json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
   } else {
     PrintForPeople(json);
   }

@@ -1,5 +1,6 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
+#include <exception>
 
 #include "clients/splinemap/commands.h"
 #include "lib/base/status.h"
@@ -36,10 +37,15 @@ int Main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? kSuccess : kUsage;
   }
-  const absl::StatusOr<int> status = chosen();
-  if (status.ok()) return *status;
-  std::fprintf(stderr, "splinemap: %s\n", ErrorText(status.status()).c_str());
-  return absl::IsInvalidArgument(status.status()) ? kUsage : kFailed;
+  try {
+    const absl::StatusOr<int> status = chosen();
+    if (status.ok()) return *status;
+    std::fprintf(stderr, "splinemap: %s\n", ErrorText(status.status()).c_str());
+    return absl::IsInvalidArgument(status.status()) ? kUsage : kFailed;
+  } catch (const std::exception& exception) {  // out of memory, say
+    std::fprintf(stderr, "splinemap: %s\n", exception.what());
+    return kFailed;
+  }
 }
 
 }  // namespace

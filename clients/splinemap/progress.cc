@@ -16,7 +16,7 @@ ProgressBar::~ProgressBar() {
 }
 
 void ProgressBar::Show(double share) {
-  const int percent = static_cast<int>(std::clamp(share, 0.0, 1.0) * 100);
+  const int percent = share > 0 ? static_cast<int>(std::min(share, 1.0) * 100) : 0;  // also NaN
   if (!is_terminal_ || percent == shown_percent_) return;
   shown_percent_ = percent;
   constexpr int kWidth = 40;

@@ -40,7 +40,8 @@ absl::StatusOr<int> Render(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
   for (const std::string& damage : loaded.damages) std::fprintf(stderr, "%s\n", damage.c_str());
   if (flags.out.empty()) {
-    SPLINEMAP_ASSIGN_OR_RETURN(const Raster raster, RenderMap(*loaded.map, 1));
+    const double pixels_per_knot = std::min(1.0, FittingPixelsPerKnot(*loaded.map, 2000));
+    SPLINEMAP_ASSIGN_OR_RETURN(const Raster raster, RenderMap(*loaded.map, pixels_per_knot));
     std::fputs(Preview(raster).c_str(), stdout);
     return kSuccess;
   }

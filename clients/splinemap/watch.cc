@@ -74,7 +74,7 @@ absl::StatusOr<int> Watch(const Flags& flags) {
     std::fflush(stdout);
   });
   const auto timeout = std::chrono::milliseconds(static_cast<int64_t>(flags.timeout_s * 1000));
-  while (bus->Handle(timeout)) {
+  while (bus->Handle(timeout) == LcmBus::Handled::kMessage) {
     if (flags.once && seen > 0) return kSuccess;
   }
   return Unavailable("heard nothing on {} for {:g} s; does splinemapd run on this bus?", channel,

@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <numbers>
 #include <set>
@@ -29,6 +30,12 @@ const std::vector<std::pair<std::string, std::string>>& Presets() {
       {"mbot_2024", "bearing_sign: 1 scan_duration_ms: -100"},
   };
   return *presets;
+}
+
+constexpr size_t kMaxChannelLength = 63;  // LCM_MAX_CHANNEL_NAME_LENGTH
+
+bool IsNameCharacter(char c) {
+  return std::isalnum(static_cast<unsigned char>(c)) || c == '.' || c == '_' || c == '-';
 }
 
 Utime Milliseconds(double value) { return Utime(std::llround(value * 1000)); }
@@ -76,6 +83,17 @@ absl::Status CheckConfig(const config::Config& config) {
         "and pose: in a file for --config. What a log holds shows: splinemap doctor LOG",
         config.scan_size() == 0 ? "scan" : "pose");
   }
+  if (std::max(config.channel_prefix().size() + 16, config.pose().size()) > kMaxChannelLength) {
+    return InvalidArgument(
+        "channel_prefix or pose is too long; LCM's channels have {} bytes at most",
+        kMaxChannelLength);
+  }
+  const std::string name = RobotName(config);
+  if (name.size() > 64 || !std::all_of(name.begin(), name.end(), IsNameCharacter)) {
+    return InvalidArgument(
+        "name {} is not made of up to 64 letters, digits and . _ -; give another with --name",
+        name);
+  }
   std::set<std::string> channels{config.pose()};
   for (const config::Scan& scan : config.scan()) {
     if (!channels.insert(scan.channel()).second) {
@@ -87,6 +105,10 @@ absl::Status CheckConfig(const config::Config& config) {
                              scan.range_min_m(), scan.range_max_m());
     }
     const double knots = scan.range_max_m() / config.method().knot_interval_m();
+    if (scan.channel().size() > kMaxChannelLength) {
+      return InvalidArgument("channel {} is longer than LCM's {} bytes", scan.channel(),
+                             kMaxChannelLength);
+    }
     if (knots > 4096) {
       return InvalidArgument(
           "scan {}: range_max_m {} is {:.0f} knot intervals of {} m; 4096 are the most",
@@ -102,10 +124,15 @@ std::vector<std::string> PresetNames() {
   return names;
 }
 
-std::string DetectPreset(bool is_planar_lidar, const RangeReadings& first_message) {
+std::optional<std::string> DetectPreset(bool is_planar_lidar, const RangeReadings& first_message) {
   if (is_planar_lidar) return "bot_core";
   const std::vector<Utime>& times = first_message.beam_utimes;
-  if (times.empty()) return "michigan_2017";
+  if (times.size() < 2) return std::nullopt;
+  const auto is_near = [&](Utime time) {
+    return time >= first_message.utime - kMaxBeamTimeOffset &&
+           time <= first_message.utime + kMaxBeamTimeOffset;
+  };
+  if (!std::all_of(times.begin(), times.end(), is_near)) return "michigan_2017";
   const auto [least, greatest] = std::minmax_element(times.begin(), times.end());
   if (*greatest - *least < std::chrono::milliseconds(10)) return "michigan_2017";
   const Utime to_first = std::chrono::abs(times.front() - first_message.utime);

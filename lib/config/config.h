@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,7 +29,8 @@ std::vector<std::string> PresetNames();
 
 // The preset that fits the first message of a channel. `is_planar_lidar`: a
 // bot_core.planar_lidar_t; otherwise Michigan's lidar_t, whose dialects differ in their beam times.
-std::string DetectPreset(bool is_planar_lidar, const RangeReadings& first_message);
+// Nothing where that takes a message with more beams.
+std::optional<std::string> DetectPreset(bool is_planar_lidar, const RangeReadings& first_message);
 
 // Explicit values of `scan` over those of `preset`, which is one of PresetNames().
 SensorOptions SensorOptionsOf(const config::Scan& scan, const std::string& preset);

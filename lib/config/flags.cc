@@ -11,7 +11,8 @@ void AddInputFlags(CLI::App& app, InputFlags& flags) {
                      absl::StrJoin(PresetNames(), ", ") +
                      ". Options: bearing_sign, time_offset_ms, scan_duration_ms, beam_times, "
                      "range_min_m, range_max_m, no_return, x_m, y_m, yaw_deg")
-      ->type_name("CHANNEL[:PRESET][,OPTION=VALUE]...");
+      ->type_name("CHANNEL[:PRESET][,OPTION=VALUE]...")
+      ->allow_extra_args(false);  // what follows may be a file
   app.add_option("--pose", flags.pose, "Channel of the robot's poses in the map frame")
       ->type_name("CHANNEL");
   app.add_option("--name", flags.name, "Name of the robot (default: name of the host)");

@@ -26,7 +26,7 @@ Pose2 Interpolate(const Pose2& a, const Pose2& b, double fraction) {
 }
 
 double YawOfQuaternion(double w, double x, double y, double z) {
-  return std::atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z));
+  return std::atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z);
 }
 
 }  // namespace splinemap

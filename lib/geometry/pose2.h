@@ -21,7 +21,8 @@ double WrapAngle(double angle_rad);
 // From `a` (fraction 0) to `b` (fraction 1): position linear, heading the shorter way round.
 Pose2 Interpolate(const Pose2& a, const Pose2& b, double fraction);
 
-// Heading of a unit quaternion w x y z: the angle of its rotated x axis in the x-y plane.
+// Heading of a quaternion w x y z of any length but 0: the angle of its rotated x axis in the x-y
+// plane.
 double YawOfQuaternion(double w, double x, double y, double z);
 
 }  // namespace splinemap

@@ -131,7 +131,7 @@ bool ReadLine(gzFile file, std::string& line) {
   char buffer[1 << 14];
   while (gzgets(file, buffer, sizeof buffer) != nullptr) {
     line += buffer;
-    if (line.back() == '\n') return true;
+    if (line.ends_with('\n')) return true;
     if (line.size() > (1 << 20)) return true;  // no CARMEN line; what follows is read as another
   }
   return !line.empty();

@@ -29,13 +29,6 @@ uint64_t BigEndian(const unsigned char* bytes, int count) {
 
 }  // namespace
 
-bool IsLcmLog(const std::string& path) {
-  std::unique_ptr<std::FILE, FileCloser> file(std::fopen(path.c_str(), "rb"));
-  std::array<unsigned char, 4> start{};
-  return file && std::fread(start.data(), 1, start.size(), file.get()) == start.size() &&
-         start == kSync;
-}
-
 // Not lcm::LogFile, whose reader allocates whatever a damaged length claims.
 absl::Status ReadLcmLog(const std::string& path, absl::FunctionRef<void(const LogEvent&)> visit,
                         absl::FunctionRef<void(double)> progress) {

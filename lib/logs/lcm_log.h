@@ -20,9 +20,6 @@ struct LogEvent {
   absl::Span<const uint8_t> message;
 };
 
-// True where the file begins as an LCM log does.
-bool IsLcmLog(const std::string& path);
-
 // Visits the events of a log in the order of the file. `progress` is called now and then with the
 // share of the file that was read, 0 .. 1. A log that ends early or has a broken event is DataLoss
 // after the events before it were visited.

@@ -28,7 +28,7 @@ struct LayerSnapshot {
   LayerId id;
   LayerEpoch epoch;
   uint64_t revision = 0;  // commits so far
-  TileTree tiles;         // an entry's revision is the commit that last changed it
+  TileTree tiles;
 };
 
 // What one source has measured, in its own frame. Thread-compatible.
@@ -50,7 +50,8 @@ class Layer {
   // Requires a commit. The reference is valid until the next call.
   Tile& EditTile(TileKey key) { return tiles_.Edit(key, revision_); }
 
-  // Restores what a file or another owner's update says; the layer's revision grows with it.
+  // Restores what a file or another owner's update says, unless the layer has that revision of the
+  // tile or a newer one; the layer's revision grows with it. Requires IsInRange(key).
   void RestoreTile(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision);
   void RestoreRevision(uint64_t revision);
 

@@ -70,29 +70,27 @@ std::shared_ptr<const MapSnapshot> Map::Snapshot() {
     // One layer is its own sum: its control points are within the limits already.
     snapshot->merged = snapshot->layers.front().tiles;
   } else {
-    UpdateMerged();
+    UpdateMerged(snapshot->layers);
     snapshot->merged = merged_.Freeze();
   }
   return snapshot;
 }
 
-void Map::UpdateMerged() {
+void Map::UpdateMerged(const std::vector<LayerSnapshot>& layers) {
   absl::flat_hash_set<TileKey> changed;
-  for (size_t k = 0; k < layers_.size(); ++k) {
-    layers_[k].tiles().ForEachSince(
+  for (size_t k = 0; k < layers.size(); ++k) {
+    layers[k].tiles.ForEachChanged(
         merged_up_to_[k], [&](TileKey key, const TileTree::Entry&) { changed.insert(key); });
-    merged_up_to_[k] = layers_[k].revision();
+    merged_up_to_[k] = layers[k].tiles.epoch();
   }
-  if (changed.empty()) return;
-  ++merged_revision_;
   std::vector<const Tile*> tiles;
   for (const TileKey& key : changed) {
     tiles.clear();
-    for (const Layer& layer : layers_) {
-      const TileTree::Entry* entry = layer.tiles().Find(key);
+    for (const LayerSnapshot& layer : layers) {
+      const TileTree::Entry* entry = layer.tiles.Find(key);
       tiles.push_back(entry == nullptr ? nullptr : entry->tile.get());
     }
-    merged_.Edit(key, merged_revision_) = MergeTiles(tiles, options_.limits);
+    merged_.Edit(key, 0) = MergeTiles(tiles, options_.limits);
   }
 }
 

@@ -23,8 +23,7 @@ struct MapOptions {
 struct MapSnapshot {
   MapOptions options;
   std::vector<LayerSnapshot> layers;
-  // merged[k] = clamp(sum of layers[k]). The revisions in it count snapshots of the map, not
-  // commits of a layer.
+  // merged[k] = clamp(sum of layers[k]). Revisions belong to layers; those in here say nothing.
   TileTree merged;
 
   // Value, gradient and Hessian of the merged surface at a point of the map frame. Where the
@@ -47,18 +46,18 @@ class Map {
   Layer& AddLayer(LayerId id, LayerEpoch epoch);
   Layer& ContinueLayer(const LayerSnapshot& base, LayerEpoch epoch);
   const std::deque<Layer>& layers() const { return layers_; }
+  Layer& layer(size_t index) { return layers_[index]; }
 
   // Costs what changed since the last call.
   std::shared_ptr<const MapSnapshot> Snapshot();
 
  private:
-  void UpdateMerged();
+  void UpdateMerged(const std::vector<LayerSnapshot>& layers);
 
   MapOptions options_;
   std::deque<Layer> layers_;
   TileTreeEditor merged_;
-  uint64_t merged_revision_ = 0;
-  std::vector<uint64_t> merged_up_to_;  // revision of each layer that is in merged_
+  std::vector<uint64_t> merged_up_to_;  // epoch of each layer's tiles that are in merged_
 };
 
 }  // namespace splinemap

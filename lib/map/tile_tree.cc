@@ -1,6 +1,5 @@
 #include "lib/map/tile_tree.h"
 
-#include <algorithm>
 #include <atomic>
 
 namespace splinemap {
@@ -23,23 +22,22 @@ int ChildIndex(uint32_t x, uint32_t y, int level) {
 
 constexpr int kCentreChild = (4 << 3) | 4;
 
-// Epochs are unique in the process, so no editor takes another's nodes for its own.
+// Epochs are unique in the process, so no editor takes another's nodes for its own, and they grow,
+// so a node knows from its own epoch when something below it changed last.
 uint64_t NextEpoch() {
   static std::atomic<uint64_t> epoch{0};
   return ++epoch;
 }
 
-constexpr uint64_t kSharedForEver = 0;
-
 }  // namespace
 
 struct TileTree::Node {
-  uint64_t epoch = 0;
-  uint64_t newest_revision = 0;
+  uint64_t epoch = 0;  // of the last change in it or below
 };
 
 struct TileTree::OwnedEntry : Entry {
-  uint64_t epoch = kSharedForEver;
+  uint64_t epoch = 0;      // of the last change
+  bool is_shared = false;  // with others than trees, who must not see edits
 };
 
 struct TileTree::Inner : Node {
@@ -69,16 +67,16 @@ const TileTree::Entry* TileTree::Find(TileKey key) const {
   return entry.tile ? &entry : nullptr;
 }
 
-void TileTree::ForEachSince(uint64_t revision, Visitor visit) const {
+void TileTree::ForEachChanged(uint64_t since, Visitor visit) const {
   if (!root_) return;
   const int shift = 3 * height_;
   const uint32_t corner = (kBias >> shift) << shift;
-  Visit(*root_, height_ - 1, corner, corner, revision, visit);
+  Visit(*root_, height_ - 1, corner, corner, since, visit);
 }
 
 void TileTree::Visit(const Node& node, int level, uint32_t x, uint32_t y, uint64_t since,
                      Visitor visit) {
-  if (since != 0 && node.newest_revision <= since) return;
+  if (node.epoch <= since) return;
   for (uint32_t child = 0; child < 64; ++child) {
     const uint32_t child_x = x | ((child & 7) << (3 * level));
     const uint32_t child_y = y | ((child >> 3) << (3 * level));
@@ -86,37 +84,34 @@ void TileTree::Visit(const Node& node, int level, uint32_t x, uint32_t y, uint64
       const auto& next = static_cast<const Inner&>(node).children[child];
       if (next) Visit(*next, level - 1, child_x, child_y, since, visit);
     } else {
-      const Entry& entry = static_cast<const Leaf&>(node).entries[child];
-      if (entry.tile && (since == 0 || entry.revision > since)) {
+      const OwnedEntry& entry = static_cast<const Leaf&>(node).entries[child];
+      if (entry.tile && entry.epoch > since) {
         visit({Unbiased(child_x), Unbiased(child_y)}, entry);
       }
     }
   }
 }
 
-TileTreeEditor::TileTreeEditor(TileTree base) : tree_(std::move(base)), epoch_(NextEpoch()) {}
+TileTreeEditor::TileTreeEditor(TileTree base) : tree_(std::move(base)) {
+  tree_.epoch_ = NextEpoch();
+}
 
 template <typename NodeType>
 NodeType& TileTreeEditor::Own(std::shared_ptr<TileTree::Node>& node) {
   if (!node) {
     node = std::make_shared<NodeType>();
-  } else if (node->epoch != epoch_) {
+  } else if (node->epoch != tree_.epoch_) {
     node = std::make_shared<NodeType>(static_cast<const NodeType&>(*node));
   }
-  node->epoch = epoch_;
+  node->epoch = tree_.epoch_;
   return static_cast<NodeType&>(*node);
 }
 
-TileTree::OwnedEntry& TileTreeEditor::Slot(TileKey key, uint64_t revision) {
+TileTree::OwnedEntry& TileTreeEditor::Slot(TileKey key) {
   while (tree_.height_ == 0 || !tree_.Covers(key)) {
     std::shared_ptr<TileTree::Node> below = std::move(tree_.root_);
     tree_.root_ = nullptr;
-    if (below) {
-      const uint64_t newest = below->newest_revision;
-      auto& root = Own<TileTree::Inner>(tree_.root_);
-      root.newest_revision = newest;
-      root.children[kCentreChild] = std::move(below);
-    }
+    if (below) Own<TileTree::Inner>(tree_.root_).children[kCentreChild] = std::move(below);
     ++tree_.height_;
   }
   const uint32_t x = Biased(key.tx);
@@ -124,38 +119,40 @@ TileTree::OwnedEntry& TileTreeEditor::Slot(TileKey key, uint64_t revision) {
   std::shared_ptr<TileTree::Node>* node = &tree_.root_;
   for (int level = tree_.height_ - 1; level > 0; --level) {
     auto& inner = Own<TileTree::Inner>(*node);
-    inner.newest_revision = std::max(inner.newest_revision, revision);
     node = &inner.children[ChildIndex(x, y, level)];
   }
   auto& leaf = Own<TileTree::Leaf>(*node);
-  leaf.newest_revision = std::max(leaf.newest_revision, revision);
   TileTree::OwnedEntry& entry = leaf.entries[ChildIndex(x, y, 0)];
-  entry.revision = revision;
   if (!entry.tile) ++tree_.size_;
   return entry;
 }
 
 Tile& TileTreeEditor::Edit(TileKey key, uint64_t revision) {
-  TileTree::OwnedEntry& entry = Slot(key, revision);
+  TileTree::OwnedEntry& entry = Slot(key);
   if (!entry.tile) {
     entry.tile = std::make_shared<Tile>();
-  } else if (entry.epoch != epoch_) {
+  } else if (entry.is_shared || entry.epoch != tree_.epoch_) {
     entry.tile = std::make_shared<Tile>(*entry.tile);
   }
-  entry.epoch = epoch_;
+  entry.revision = revision;
+  entry.epoch = tree_.epoch_;
+  entry.is_shared = false;
   // Made here as a non-const Tile, and no frozen tree has it yet.
   return const_cast<Tile&>(*entry.tile);
 }
 
 void TileTreeEditor::Put(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision) {
-  TileTree::OwnedEntry& entry = Slot(key, revision);
+  TileTree::OwnedEntry& entry = Slot(key);
   entry.tile = std::move(tile);
-  entry.epoch = kSharedForEver;
+  entry.revision = revision;
+  entry.epoch = tree_.epoch_;
+  entry.is_shared = true;
 }
 
 TileTree TileTreeEditor::Freeze() {
-  epoch_ = NextEpoch();
-  return tree_;
+  TileTree frozen = tree_;
+  tree_.epoch_ = NextEpoch();
+  return frozen;
 }
 
 }  // namespace splinemap

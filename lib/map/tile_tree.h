@@ -14,13 +14,13 @@ namespace splinemap {
 // thread-safe. A TileTreeEditor makes new trees that share with old ones what did not change.
 //
 // Inside: a radix tree of 8 x 8 children per node over the digits of the key in balanced base 8
-// (digits -4 .. 3), whose root covers just the keys in use. Every node knows the newest revision
-// below it, so that visiting what changed costs what changed.
+// (digits -4 .. 3), whose root covers just the keys in use. Every node knows when something below
+// it changed last, so that visiting what changed costs what changed.
 class TileTree {
  public:
   struct Entry {
     std::shared_ptr<const Tile> tile;  // null where the key is absent
-    uint64_t revision = 0;             // of the commit that last changed the tile
+    uint64_t revision = 0;             // of the owner's commit that last changed the tile
   };
   using Visitor = absl::FunctionRef<void(TileKey, const Entry&)>;
 
@@ -28,9 +28,13 @@ class TileTree {
   const Entry* Find(TileKey key) const;
 
   // Visits each tile once; the order depends on the keys alone.
-  void ForEach(Visitor visit) const { ForEachSince(0, visit); }
-  // As above, for the tiles of a revision greater than `revision`.
-  void ForEachSince(uint64_t revision, Visitor visit) const;
+  void ForEach(Visitor visit) const { ForEachChanged(0, visit); }
+  // As above, for the tiles that were written after an older tree of the same line of edits was
+  // frozen, whose epoch() is `since`.
+  void ForEachChanged(uint64_t since, Visitor visit) const;
+
+  // Counts freezes in this process: later trees have greater epochs.
+  uint64_t epoch() const { return epoch_; }
 
   size_t size() const { return size_; }
 
@@ -48,6 +52,7 @@ class TileTree {
   std::shared_ptr<Node> root_;
   int height_ = 0;  // levels of nodes; the root covers 8^height tiles each way
   size_t size_ = 0;
+  uint64_t epoch_ = 0;
 };
 
 // Changes a tree; keys have to be IsInRange(). Writes in place what no frozen tree shares and
@@ -74,12 +79,11 @@ class TileTreeEditor {
   TileTree Freeze();
 
  private:
-  TileTree::OwnedEntry& Slot(TileKey key, uint64_t revision);
+  TileTree::OwnedEntry& Slot(TileKey key);
   template <typename NodeType>
   NodeType& Own(std::shared_ptr<TileTree::Node>& node);
 
-  TileTree tree_;
-  uint64_t epoch_;  // nodes and tiles of this epoch are shared with no frozen tree
+  TileTree tree_;  // nodes and tiles of its epoch are shared with no frozen tree
 };
 
 }  // namespace splinemap

@@ -14,6 +14,9 @@ struct Sighting {
   Utime last{0};
 };
 
+// In floating point, since the times of a damaged log may be anything.
+double Seconds(Utime utime) { return static_cast<double>(utime.count()) * 1e-6; }
+
 Sighting FirstSight(const LogEvent& event) {
   Sighting sighting;
   sighting.first = event.utime;
@@ -23,7 +26,7 @@ Sighting FirstSight(const LogEvent& event) {
   if (sighting.channel.type && IsScan(*sighting.channel.type)) {
     if (const auto readings = DecodeScan(event.message); readings.ok()) {
       sighting.channel.preset =
-          DetectPreset(sighting.channel.type == MessageType::kPlanarLidar, *readings);
+          DetectPreset(sighting.channel.type == MessageType::kPlanarLidar, *readings).value_or("");
     }
   }
   return sighting;
@@ -70,11 +73,12 @@ absl::StatusOr<LogSurvey> SurveyLog(const std::string& path,
         place->second.last = event.utime;
       },
       progress);
-  if (!status.ok() && sightings.empty()) return status;  // else: what can be read is surveyed
+  if (!status.ok() && sightings.empty()) return status;
   LogSurvey survey;
-  if (first) survey.duration_s = static_cast<double>((last - *first).count()) * 1e-6;
+  survey.damage = ErrorText(status);
+  if (first) survey.duration_s = Seconds(last) - Seconds(*first);
   for (auto& [name, sighting] : sightings) {
-    const auto span_s = static_cast<double>((sighting.last - sighting.first).count()) * 1e-6;
+    const double span_s = Seconds(sighting.last) - Seconds(sighting.first);
     LoggedChannel& channel = sighting.channel;
     if (span_s > 0) channel.rate_hz = static_cast<double>(channel.messages - 1) / span_s;
     survey.channels.push_back(std::move(channel));

@@ -26,9 +26,10 @@ struct LoggedChannel {
 struct LogSurvey {
   double duration_s = 0;                // from the first event to the last
   std::vector<LoggedChannel> channels;  // by name
+  std::string damage;                   // in words, where the log could not be read to its end
 };
 
-// Reads a whole log to see what is in it. Errors as ReadLcmLog().
+// Reads a whole log to see what is in it. Errors as ReadLcmLog() where nothing at all can be read.
 absl::StatusOr<LogSurvey> SurveyLog(const std::string& path,
                                     absl::FunctionRef<void(double)> progress);
 

@@ -8,6 +8,9 @@
 namespace splinemap {
 namespace {
 
+// So many scans without pose are a problem and no beginning or end.
+constexpr int64_t kManyScans = 20;
+
 // Poses further out are refused, so that no beam leaves the range of kMaxKnotIndex.
 double MaxCoordinate(const MapOptions& options) {
   return 0.9 * kMaxKnotIndex * options.knot_interval_m;
@@ -20,6 +23,7 @@ Mapper::Mapper(const config::Config& config, MapOptions map_options, Layer& laye
       max_coordinate_m_(MaxCoordinate(map_options)),
       map_options_(map_options),
       layer_(layer),
+      max_tiles_((size_t{config.service().max_map_mb()} << 20) / sizeof(Tile)),
       beam_model_(BeamModelOptionsOf(config.method()), map_options.knot_interval_m),
       queue_(ScanQueueOptionsOf(config.timing()), config.scan_size()) {
   channels_.push_back(pose_channel_);
@@ -63,11 +67,15 @@ void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message) {
     return;
   }
   if (!scan_channel.options) {
-    const std::string preset =
+    const std::optional<std::string> preset =
         DetectPreset(TypeOf(message) == MessageType::kPlanarLidar, *readings);
-    scan_channel.options = SensorOptionsOf(scan_channel.config, preset);
-    notices_.push_back(
-        {false, fmt::format("{}: read with preset {}, told from the first message", name, preset)});
+    if (!preset) {
+      Drop(DropReason::kUnusableScan, name, "has too few beams to tell its preset");
+      return;
+    }
+    scan_channel.options = SensorOptionsOf(scan_channel.config, *preset);
+    notices_.push_back({false, fmt::format("{}: read with preset {}, told from the first message",
+                                           name, *preset)});
   }
   absl::StatusOr<Scan> scan = PrepareScan(*readings, *scan_channel.options, channel);
   if (!scan.ok()) {
@@ -96,14 +104,23 @@ void Mapper::HandlePose(absl::Span<const uint8_t> message) {
 }
 
 void Mapper::MapReadyScans() {
-  while (const std::optional<PlacedScan> scan = queue_.Next()) {
-    beam_model_.Accumulate(scan->beams, scratch_);
-    scratch_.CommitTo(layer_, map_options_.limits);
-    ++counts_.scans_mapped;
-    counts_.beams_mapped += static_cast<int64_t>(scan->beams.size());
-    newest_scan_utime_ = scan->utime;
-  }
+  while (const std::optional<PlacedScan> scan = queue_.Next()) MapScan(*scan);
   NoticeQueueDrops();
+}
+
+void Mapper::MapScan(const PlacedScan& scan) {
+  if (layer_.tiles().size() >= max_tiles_) {
+    Drop(DropReason::kMapFull, scan_channels_[scan.channel].config.channel(),
+         DropExplanation(DropReason::kMapFull));
+    return;
+  }
+  beam_model_.Accumulate(scan.beams, scratch_);
+  scratch_.CommitTo(layer_, map_options_.limits);
+  ++counts_.scans_mapped;
+  counts_.beams_mapped += static_cast<int64_t>(scan.beams.size());
+  newest_scan_utime_ = scan.utime;
+  without_pose_before_ = queue_.counts().drops[DropReason::kScanWithoutPose];
+  if (std::exchange(is_lost_, false)) notices_.push_back({false, "scans have poses again"});
 }
 
 void Mapper::Drop(DropReason reason, const std::string& channel, const std::string& explanation) {
@@ -117,10 +134,17 @@ void Mapper::NoticeQueueDrops() {
   const ScanQueueCounts& counts = queue_.counts();
   for (int k = 0; k < kNumDropReasons; ++k) {
     const auto reason = static_cast<DropReason>(k);
+    if (reason == DropReason::kScanWithoutPose) continue;  // a few are usual; see below
     if (counts.drops[reason] > 0 && noticed_.drops[reason] == 0) {
       notices_.push_back(
           {true, fmt::format("dropped {}: {}", DropName(reason), DropExplanation(reason))});
     }
+  }
+  const int64_t in_a_row = counts.drops[DropReason::kScanWithoutPose] - without_pose_before_;
+  if (in_a_row >= kManyScans && !std::exchange(is_lost_, true)) {
+    notices_.push_back({true, fmt::format("{} scans in a row without poses before and after them; "
+                                          "does {} come, and share a clock with the scans?",
+                                          in_a_row, pose_channel_)});
   }
   if (counts.time_jumps > 0 && noticed_.time_jumps == 0) {
     notices_.push_back({true, "message time jumped back (a log was rewound?); the map is kept"});
@@ -131,7 +155,6 @@ void Mapper::NoticeQueueDrops() {
 MapperCounts Mapper::counts() const {
   MapperCounts counts = counts_;
   counts.drops += queue_.counts().drops;
-  counts.time_jumps = queue_.counts().time_jumps;
   return counts;
 }
 

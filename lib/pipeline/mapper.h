@@ -26,7 +26,6 @@ struct MapperCounts {
   int64_t scans_mapped = 0;
   int64_t beams_mapped = 0;
   DropCounts drops;
-  int64_t time_jumps = 0;  // of message time, back
 };
 
 // What a person should know. A problem wants something done about it.
@@ -57,8 +56,8 @@ class Mapper {
   size_t scans_queued() const { return queue_.size(); }
   Utime newest_scan_utime() const { return newest_scan_utime_; }
 
-  // What a person should know, each once: chosen presets, the first drop of each kind, jumps in
-  // time.
+  // What is new since the last call, each thing once: chosen presets, the first drop of each kind,
+  // jumps in time; and each time that poses fail to come for many scans, or come again.
   std::vector<Notice> TakeNotices();
 
  private:
@@ -71,6 +70,7 @@ class Mapper {
   void HandlePose(absl::Span<const uint8_t> message);
   void MapReadyScans();
   void Drop(DropReason reason, const std::string& channel, const std::string& explanation);
+  void MapScan(const PlacedScan& scan);
   void NoticeQueueDrops();
 
   std::vector<std::string> channels_;
@@ -79,12 +79,15 @@ class Mapper {
   double max_coordinate_m_;
   MapOptions map_options_;
   Layer& layer_;
+  size_t max_tiles_;
   BeamModel beam_model_;
   ScanQueue queue_;
   ScanScratch scratch_;
   MapperCounts counts_;
   Utime newest_scan_utime_{0};
-  ScanQueueCounts noticed_;  // counts of queue_ that were noticed
+  ScanQueueCounts noticed_;          // counts of queue_ that were noticed
+  int64_t without_pose_before_ = 0;  // scans without pose, when a scan was mapped last
+  bool is_lost_ = false;             // many scans in a row had no pose
   std::vector<Notice> notices_;
 };
 

@@ -77,7 +77,8 @@ absl::StatusOr<Raster> RenderMap(const MapSnapshot& map, double pixels_per_knot)
 double FittingPixelsPerKnot(const MapSnapshot& map, int side) {
   const KnotBox box = TouchedBox(map.merged);
   if (box.empty()) return 1;
-  return std::clamp(std::round(side / std::max(box.width(), box.height())), 1.0, 8.0);
+  const double pixels_per_knot = side / std::max(box.width(), box.height());
+  return pixels_per_knot < 1 ? pixels_per_knot : std::min(std::round(pixels_per_knot), 8.0);
 }
 
 absl::Status WritePng(const Raster& raster, const std::string& path) {

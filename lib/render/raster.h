@@ -30,8 +30,8 @@ struct Raster {
 // pixels.
 absl::StatusOr<Raster> RenderMap(const MapSnapshot& map, double pixels_per_knot);
 
-// A whole number of pixels per knot interval, 1 to 8, with which the longer side of the picture
-// comes near to `side` pixels.
+// Pixels per knot interval, 8 at most and a whole number from 1 on, with which the longer side of
+// the picture has about `side` pixels.
 double FittingPixelsPerKnot(const MapSnapshot& map, int side);
 
 // Unknown blue-grey, free white, occupied black.

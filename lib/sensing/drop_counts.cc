@@ -34,6 +34,8 @@ Words WordsOf(DropReason reason) {
       return {"pose_out_of_range", "a pose lies beyond what can be mapped"};
     case DropReason::kDuplicatePose:
       return {"duplicate_pose", "a pose repeats the time stamp of an earlier one, or is very late"};
+    case DropReason::kMapFull:
+      return {"map_full", "the map has reached service { max_map_mb }"};
     case DropReason::kOverload:
       return {"overload", "messages come faster than they can be mapped"};
   }

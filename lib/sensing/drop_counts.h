@@ -18,6 +18,7 @@ enum class DropReason {
   kMalformedPose,    // cannot be decoded
   kPoseOutOfRange,   // beyond the coordinates that control points exist for
   kDuplicatePose,    // time of an earlier one, or too old to keep
+  kMapFull,          // the map has its greatest size
   kOverload,         // received faster than mapped; voids that equal input gives equal maps
 };
 inline constexpr int kNumDropReasons = static_cast<int>(DropReason::kOverload) + 1;

@@ -13,20 +13,28 @@ namespace {
 std::optional<Beam> Interpret(float range_m, const SensorOptions& options) {
   Beam beam;
   // A reading of 0 is the commonest way to say "no return", beside infinity and the maximum.
-  const bool no_return = range_m == 0 || range_m >= options.range_max_m;
+  // Limits as floats: a sensor that reports its maximum reports that float.
+  const bool no_return = range_m == 0 || range_m >= static_cast<float>(options.range_max_m);
   if (no_return) {
     if (!options.no_return_is_free) return std::nullopt;
     beam.range_m = static_cast<float>(options.range_max_m);
     beam.hit = false;
     return beam;
   }
-  if (!(range_m >= options.range_min_m)) return std::nullopt;  // also NaN
+  if (!(range_m >= static_cast<float>(options.range_min_m))) return std::nullopt;  // also NaN
   beam.range_m = range_m;
   return beam;
 }
 
-Utime BeamTime(const RangeReadings& readings, const SensorOptions& options, size_t k) {
-  if (options.use_beam_times) return readings.beam_utimes[k] - readings.utime;
+// From the scan's time stamp; nothing where it is too far away to be true.
+std::optional<Utime> BeamTime(const RangeReadings& readings, const SensorOptions& options,
+                              size_t k) {
+  if (options.use_beam_times) {
+    const Utime utime = readings.beam_utimes[k];
+    const bool is_near = utime >= readings.utime - kMaxBeamTimeOffset &&
+                         utime <= readings.utime + kMaxBeamTimeOffset;
+    return is_near ? std::optional(utime - readings.utime) : std::nullopt;
+  }
   const auto last = static_cast<int64_t>(readings.ranges_m.size()) - 1;
   return last > 0 ? options.scan_duration * static_cast<int64_t>(k) / last : Utime(0);
 }
@@ -51,15 +59,17 @@ absl::StatusOr<Scan> PrepareScan(const RangeReadings& readings, const SensorOpti
     std::optional<Beam> beam = Interpret(readings.ranges_m[k], options);
     if (!beam || !std::isfinite(readings.bearings_rad[k])) continue;
     beam->bearing_rad = static_cast<float>(options.bearing_sign) * readings.bearings_rad[k];
-    beam->time_offset = BeamTime(readings, options, k);
-    if (std::chrono::abs(beam->time_offset) > kMaxBeamTimeOffset) {
-      return InvalidArgument("beam time {:.1f} s away from the scan's; set beam_times: false",
-                             static_cast<double>(beam->time_offset.count()) * 1e-6);
+    const std::optional<Utime> time_offset = BeamTime(readings, options, k);
+    if (!time_offset) {
+      return InvalidArgument(
+          "a beam time more than 2 s away from the scan's; set beam_times: false");
     }
+    beam->time_offset = *time_offset;
     scan.first_beam = std::min(scan.first_beam, beam->time_offset);
     scan.last_beam = std::max(scan.last_beam, beam->time_offset);
     scan.beams.push_back(*beam);
   }
+  scan.beams.shrink_to_fit();  // scans may wait for poses by the thousand
   return scan;
 }
 

@@ -63,7 +63,7 @@ class ScanQueue {
   size_t size() const { return waiting_.size(); }
   const ScanQueueCounts& counts() const { return counts_; }
 
-  static constexpr size_t kMaxScans = 1000;
+  static constexpr size_t kMaxScans = 10'000;
   static constexpr size_t kMaxBeamsWaiting = 2'000'000;
 
  private:

@@ -104,6 +104,11 @@ bool IsPlausible(const store::MapRecord& record) {
          record.clamp_max() <= kMax;
 }
 
+bool IsPlausible(const store::LayerRecord& record) {
+  constexpr uint64_t kMax = uint64_t{1} << 62;  // leaves room to count on
+  return record.incarnation() < kMax && record.revision() < kMax;
+}
+
 int64_t HostUtime() {
   return std::chrono::duration_cast<std::chrono::microseconds>(
              std::chrono::system_clock::now().time_since_epoch())
@@ -118,9 +123,19 @@ MapFile::MapFile(MapFile&&) noexcept = default;
 MapFile& MapFile::operator=(MapFile&&) noexcept = default;
 
 MapFile::~MapFile() {
-  if (!database_) return;
-  // Leaves one file where nobody else has it open; else the other one does.
-  sqlite3_exec(database_->getHandle(), "PRAGMA journal_mode = DELETE", nullptr, nullptr, nullptr);
+  if (database_) Close().IgnoreError();
+}
+
+absl::Status MapFile::Close() {
+  return WithStatus(path_, [&]() -> absl::Status {
+    if (!database_) return FailedPrecondition("{} is closed", path_);
+    const std::unique_ptr<SQLite::Database> database = std::move(database_);
+    if (sqlite3_db_readonly(database->getHandle(), "main") == 1) return absl::OkStatus();
+    database->exec("PRAGMA wal_checkpoint(TRUNCATE)");
+    // Fails while another process reads; then the empty files beside stay.
+    sqlite3_exec(database->getHandle(), "PRAGMA journal_mode = DELETE", nullptr, nullptr, nullptr);
+    return absl::OkStatus();
+  });
 }
 
 absl::StatusOr<MapFile> MapFile::Open(const std::string& path) {
@@ -151,11 +166,11 @@ absl::StatusOr<bool> MapFile::IsEmpty() {
   });
 }
 
-uint64_t& MapFile::SavedRevision(const LayerId& id) {
+MapFile::SavedLayer* MapFile::FindSaved(const LayerId& id) {
   for (SavedLayer& layer : saved_) {
-    if (layer.id == id) return layer.revision;
+    if (layer.id == id) return &layer;
   }
-  return saved_.emplace_back(SavedLayer{id, 0}).revision;
+  return nullptr;
 }
 
 absl::StatusOr<LoadedMap> MapFile::Load() {
@@ -180,7 +195,7 @@ absl::StatusOr<LoadedMap> MapFile::LoadUnchecked() {
                           "SELECT tx, ty, revision, checksum, content FROM tile WHERE layer = ?");
   while (layers.executeStep()) {
     store::LayerRecord record;
-    if (!record.ParseFromString(layers.getColumn(1).getString())) {
+    if (!record.ParseFromString(layers.getColumn(1).getString()) || !IsPlausible(record)) {
       return DataLoss("{} is damaged: the record of a layer cannot be read", path_);
     }
     Layer& layer =
@@ -193,10 +208,12 @@ absl::StatusOr<LoadedMap> MapFile::LoadUnchecked() {
                               FromSql(tiles.getColumn(2).getInt64()),
                               tiles.getColumn(4).getString(),
                               FromSql(tiles.getColumn(3).getInt64())};
+      const bool is_plausible =
+          IsInRange(update.key) && update.revision > 0 && update.revision <= record.revision();
       const absl::StatusOr<Tile> tile =
-          IsInRange(update.key)
-              ? TileOfUpdate(update)
-              : DataLoss("tile ({}, {}) is out of range", update.key.tx, update.key.ty);
+          is_plausible ? TileOfUpdate(update)
+                       : DataLoss("tile ({}, {}) of revision {} cannot be", update.key.tx,
+                                  update.key.ty, update.revision);
       if (tile.ok()) {
         layer.RestoreTile(update.key, std::make_shared<const Tile>(*tile), update.revision);
       } else {
@@ -204,20 +221,20 @@ absl::StatusOr<LoadedMap> MapFile::LoadUnchecked() {
             fmt::format("{}: layer {}: {}", path_, record.name(), ErrorText(tile.status())));
       }
     }
-    SavedRevision(layer.id()) = layer.revision();
   }
   loaded.map = map.Snapshot();
+  saved_.clear();
+  for (const LayerSnapshot& layer : loaded.map->layers) {
+    saved_.push_back({layer.id, layer.epoch, layer.tiles.epoch()});
+  }
   return loaded;
 }
 
 absl::Status MapFile::Save(const MapSnapshot& snapshot) {
-  return WithStatus(path_, [&] {
-    SaveUnchecked(snapshot);
-    return absl::OkStatus();
-  });
+  return WithStatus(path_, [&] { return SaveUnchecked(snapshot); });
 }
 
-void MapFile::SaveUnchecked(const MapSnapshot& snapshot) {
+absl::Status MapFile::SaveUnchecked(const MapSnapshot& snapshot) {
   SQLite::Transaction transaction(*database_, SQLite::TransactionBehavior::IMMEDIATE);
   store::MapRecord record;
   record.set_knot_interval_m(snapshot.options.knot_interval_m);
@@ -232,9 +249,11 @@ void MapFile::SaveUnchecked(const MapSnapshot& snapshot) {
                              "INSERT OR REPLACE INTO tile (layer, tx, ty, revision, checksum, "
                              "content) VALUES (?, ?, ?, ?, ?, ?)");
   for (const LayerSnapshot& layer : snapshot.layers) {
+    SPLINEMAP_RETURN_IF_ERROR(CheckStillOurs(layer.id));
     put_tile.bind(1, SaveLayerRecord(layer));
-    layer.tiles.ForEachSince(
-        SavedRevision(layer.id), [&](TileKey key, const TileTree::Entry& entry) {
+    const SavedLayer* saved = FindSaved(layer.id);
+    layer.tiles.ForEachChanged(
+        saved == nullptr ? 0 : saved->tree_epoch, [&](TileKey key, const TileTree::Entry& entry) {
           const TileUpdate update = MakeTileUpdate(key, *entry.tile, entry.revision);
           put_tile.bind(2, update.key.tx);
           put_tile.bind(3, update.key.ty);
@@ -246,7 +265,28 @@ void MapFile::SaveUnchecked(const MapSnapshot& snapshot) {
         });
   }
   transaction.commit();
-  for (const LayerSnapshot& layer : snapshot.layers) SavedRevision(layer.id) = layer.revision;
+  saved_.clear();
+  for (const LayerSnapshot& layer : snapshot.layers) {
+    saved_.push_back({layer.id, layer.epoch, layer.tiles.epoch()});
+  }
+  return absl::OkStatus();
+}
+
+absl::Status MapFile::CheckStillOurs(const LayerId& id) {
+  SQLite::Statement query(*database_, "SELECT record FROM layer WHERE name = ? AND origin = ?");
+  query.bind(1, id.name);
+  query.bind(2, ToSql(id.origin));
+  store::LayerRecord record;
+  const bool exists = query.executeStep() && record.ParseFromString(query.getColumn(0).getString());
+  const SavedLayer* saved = FindSaved(id);
+  const LayerEpoch stored{record.incarnation(), record.nonce()};
+  if (exists ? (saved != nullptr && saved->epoch == stored) : saved == nullptr) {
+    return absl::OkStatus();
+  }
+  return FailedPrecondition(
+      "{}: another process maps layer {} into this file; only one can. Give one of them another "
+      "--map",
+      path_, id.name);
 }
 
 int64_t MapFile::SaveLayerRecord(const LayerSnapshot& layer) {

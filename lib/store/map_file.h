@@ -24,8 +24,7 @@ struct LoadedMap {
 // A map in a SQLite database, by convention NAME.splinemap: the record of the map, one per layer,
 // one row per tile (README.md here shows the schema). Each Save() is one transaction, so that a
 // crash at any moment leaves the state of one save. While open for writing there are two files
-// beside it
-// (-wal, -shm); Close() or the destructor leaves one. Thread-compatible.
+// beside it (-wal, -shm). Thread-compatible.
 class MapFile {
  public:
   // Opens for writing; makes the file where there is none. Errors say what is in the way: no
@@ -45,24 +44,32 @@ class MapFile {
   absl::StatusOr<LoadedMap> Load();
 
   // Writes what changed since the last save of this object or its Load(); all of it the first time.
-  // Requires equal map options and the same layers or more. After a failure the file is as it was.
+  // Requires equal map options and the same layers or more. FailedPrecondition where another
+  // process saved the same layer meanwhile. After a failure the file is as it was.
   absl::Status Save(const MapSnapshot& snapshot);
 
+  // Brings everything into the one file; every later call fails. The destructor does the same and
+  // keeps silent. While another process reads, the files beside may stay, with nothing in them.
+  absl::Status Close();
+
  private:
+  // What the file holds of a layer.
   struct SavedLayer {
     LayerId id;
-    uint64_t revision = 0;
+    LayerEpoch epoch;
+    uint64_t tree_epoch = 0;  // of the tiles
   };
 
   MapFile(std::string path, std::unique_ptr<SQLite::Database> database);
+  SavedLayer* FindSaved(const LayerId& id);
+  absl::Status CheckStillOurs(const LayerId& id);
   int64_t SaveLayerRecord(const LayerSnapshot& layer);
-  uint64_t& SavedRevision(const LayerId& id);
   absl::StatusOr<LoadedMap> LoadUnchecked();
-  void SaveUnchecked(const MapSnapshot& snapshot);
+  absl::Status SaveUnchecked(const MapSnapshot& snapshot);
 
   std::string path_;
   std::unique_ptr<SQLite::Database> database_;
-  std::vector<SavedLayer> saved_;  // what the file holds of each layer
+  std::vector<SavedLayer> saved_;
 };
 
 // Reads a map for looking at it. NotFound where the file does not exist or holds no map yet.

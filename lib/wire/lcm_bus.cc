@@ -16,7 +16,7 @@ constexpr int kQueueCapacity = 10'000;
 std::string Literal(const std::string& channel) {
   std::string escaped;
   for (const char c : channel) {
-    if (!std::isalnum(static_cast<unsigned char>(c)) && c != '_') escaped += '\\';
+    if (std::ispunct(static_cast<unsigned char>(c)) && c != '_') escaped += '\\';
     escaped += c;
   }
   return escaped;
@@ -47,10 +47,12 @@ void LcmBus::Subscribe(const std::string& channel, Handler handler) {
   subscription->setQueueCapacity(kQueueCapacity);
 }
 
-bool LcmBus::Handle(std::chrono::milliseconds timeout) {
+LcmBus::Handled LcmBus::Handle(std::chrono::milliseconds timeout) {
   const int result = lcm_.handleTimeout(static_cast<int>(timeout.count()));
-  if (result < 0) std::this_thread::sleep_for(timeout);  // broken bus: do not spin on it
-  return result > 0;
+  if (result > 0) return Handled::kMessage;
+  if (result == 0) return Handled::kNothing;
+  std::this_thread::sleep_for(timeout);  // do not spin on it
+  return Handled::kBroken;
 }
 
 }  // namespace splinemap

@@ -27,8 +27,10 @@ class LcmBus {
   // Subscribes to exactly this channel, whatever characters it has.
   void Subscribe(const std::string& channel, Handler handler);
 
-  // Waits for messages and hands them to their handlers; false after `timeout` without one.
-  bool Handle(std::chrono::milliseconds timeout);
+  enum class Handled { kMessage, kNothing, kBroken };
+  // Waits for a message and hands it to its handler. kNothing after `timeout` without one; kBroken,
+  // also after `timeout`, where the connection does not work.
+  Handled Handle(std::chrono::milliseconds timeout);
 
   template <typename Message>
   void Publish(const std::string& channel, const Message& message) {

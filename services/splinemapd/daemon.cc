@@ -12,14 +12,15 @@ namespace splinemap {
 namespace {
 
 using std::chrono::milliseconds;
-using std::chrono::steady_clock;
 
 // How soon threads notice that they are to end.
 constexpr milliseconds kPatience(50);
+// How old at most what others see of the map is, while messages pour in.
+constexpr milliseconds kShowInterval(20);
 // Messages that are still under way when the daemon ends are received for at most this long.
 constexpr milliseconds kMaxDrain(2000);
 
-double Seconds(steady_clock::duration duration) {
+double Seconds(std::chrono::steady_clock::duration duration) {
   return std::chrono::duration<double>(duration).count();
 }
 
@@ -67,83 +68,124 @@ Daemon::~Daemon() {
 
 absl::Status Daemon::OpenMap() {
   const std::string name = RobotName(config_);
-  const std::string path = MapPath(config_);
-  {
-    MutexLock map_lock(map_mutex_);
-    MutexLock file_lock(file_mutex_);
-    SPLINEMAP_ASSIGN_OR_RETURN(const bool is_empty, file_.IsEmpty());
-    LoadedMap loaded;
-    if (is_empty) {
-      map_ = std::make_unique<Map>(MapOptionsOf(config_.method()));
-    } else {
-      SPLINEMAP_ASSIGN_OR_RETURN(loaded, file_.Load());
-      for (const std::string& damage : loaded.damages) spdlog::error("{}", damage);
-      SPLINEMAP_RETURN_IF_ERROR(CheckMethod(config_.method(), loaded.map->options, path));
-      map_ = std::make_unique<Map>(loaded.map->options);
-      config_.mutable_method()->set_knot_interval_m(loaded.map->options.knot_interval_m);
-      SPLINEMAP_RETURN_IF_ERROR(CheckConfig(config_));
-      for (const LayerSnapshot& layer : loaded.map->layers) {
-        // A start takes the next incarnation, so that nothing of an earlier life is taken for new.
-        if (layer_ == nullptr && layer.id.name == name) {
-          layer_ = &map_->ContinueLayer(layer, {layer.epoch.incarnation + 1, RandomId()});
-        } else {
-          map_->ContinueLayer(layer, layer.epoch);
-        }
-      }
-    }
-    if (layer_ == nullptr) layer_ = &map_->AddLayer({name, RandomId()}, {1, RandomId()});
-    mapper_ = std::make_unique<Mapper>(config_, map_->options(), *layer_);
-    spdlog::info("map {}: layer {}, start {}, {} tiles", path, name, layer_->epoch().incarnation,
-                 layer_->tiles().size());
-    for (const std::string& channel : mapper_->channels()) {
-      bus_->Subscribe(channel, [this](const std::string& c, absl::Span<const uint8_t> message) {
-        ingest_.Push(c, message);
-      });
-      spdlog::info("listening on {}", channel);
-    }
+  SPLINEMAP_RETURN_IF_ERROR(LoadMap(name));
+  // The layer is the mapper's from here on; everybody else sees snapshots.
+  Layer& layer = map_->layer(own_layer_);
+  mapper_ = std::make_unique<Mapper>(config_, map_->options(), layer);
+  spdlog::info("map {}: layer {}, start {}, {} tiles", MapPath(config_), name,
+               layer.epoch().incarnation, layer.tiles().size());
+  for (const std::string& channel : mapper_->channels()) {
+    bus_->Subscribe(channel, [this](const std::string& c, absl::Span<const uint8_t> message) {
+      ingest_.Push(c, message);
+    });
+    spdlog::info("listening on {}", channel);
   }
+  ShowState();
   return Save();  // the new incarnation
 }
 
+absl::Status Daemon::LoadMap(const std::string& name) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const bool is_empty, file_.IsEmpty());
+  bool has_own_layer = false;
+  if (is_empty) {
+    map_ = std::make_unique<Map>(MapOptionsOf(config_.method()));
+  } else {
+    SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, file_.Load());
+    for (const std::string& damage : loaded.damages) spdlog::error("{}", damage);
+    const MapOptions& options = loaded.map->options;
+    SPLINEMAP_RETURN_IF_ERROR(CheckMethod(config_.method(), options, MapPath(config_)));
+    map_ = std::make_unique<Map>(options);
+    config_.mutable_method()->set_knot_interval_m(options.knot_interval_m);
+    SPLINEMAP_RETURN_IF_ERROR(CheckConfig(config_));
+    for (const LayerSnapshot& layer : loaded.map->layers) {
+      LayerEpoch epoch = layer.epoch;
+      if (!has_own_layer && layer.id.name == name) {
+        // A start takes the next incarnation, so that nothing of an earlier life is taken for new.
+        epoch = {layer.epoch.incarnation + 1, RandomId()};
+        own_layer_ = map_->layers().size();
+        has_own_layer = true;
+      }
+      map_->ContinueLayer(layer, epoch);
+    }
+  }
+  if (!has_own_layer) {
+    own_layer_ = map_->layers().size();
+    map_->AddLayer({name, RandomId()}, {1, RandomId()});
+  }
+  return absl::OkStatus();
+}
+
 void Daemon::Receive(std::stop_token stop) {
-  while (!stop.stop_requested()) bus_->Handle(kPatience);
-  const auto deadline = steady_clock::now() + kMaxDrain;
-  while (bus_->Handle(milliseconds(0)) && steady_clock::now() < deadline) {
+  bool is_broken = false;
+  while (!stop.stop_requested()) {
+    const LcmBus::Handled handled = bus_->Handle(kPatience);
+    if (handled == LcmBus::Handled::kBroken && !std::exchange(is_broken, true)) {
+      ReportProblem("the LCM bus does not work any more; nothing is received");
+    }
+  }
+  const auto deadline = Clock::now() + kMaxDrain;
+  while (bus_->Handle(milliseconds(0)) == LcmBus::Handled::kMessage && Clock::now() < deadline) {
   }
 }
 
 void Daemon::MapMessages(std::stop_token stop) {
+  auto last_shown = Clock::now();
+  bool is_shown = true;
   while (true) {
     const bool stopping = stop.stop_requested();
-    const auto message = ingest_.Pop(stopping ? milliseconds(0) : kPatience);
+    const auto message = ingest_.Pop(is_shown && !stopping ? kPatience : milliseconds(0));
     if (message) MapOne(*message);
+    is_shown = is_shown && !message;
+    if (!is_shown && (!message || Clock::now() - last_shown > kShowInterval)) {
+      ShowState();
+      last_shown = Clock::now();
+      is_shown = true;
+    }
     if (stopping && !message) break;
   }
-  MutexLock lock(map_mutex_);
   mapper_->Flush();
-  LogNotices();
+  ShowState();
 }
 
 void Daemon::MapOne(const IngestedMessage& message) {
-  MutexLock lock(map_mutex_);
-  const uint64_t revision_before = layer_->revision();
-  const auto begin = steady_clock::now();
+  const Layer& layer = map_->layer(own_layer_);
+  const uint64_t revision_before = layer.revision();
+  const auto begin = Clock::now();
   mapper_->HandleMessage(message.channel, message.bytes);
-  const auto end = steady_clock::now();
-  if (const auto scans = static_cast<int64_t>(layer_->revision() - revision_before); scans > 0) {
+  const auto end = Clock::now();
+  if (const auto scans = static_cast<int64_t>(layer.revision() - revision_before); scans > 0) {
     scan_times_.scans += scans;
     scan_times_.total += end - begin;
     scan_times_.longest = std::max(scan_times_.longest, (end - begin) / scans);
     last_mapped_ = end;
   }
-  LogNotices();
 }
 
-void Daemon::LogNotices() ABSL_NO_THREAD_SAFETY_ANALYSIS {
+void Daemon::ShowState() {
   for (const Notice& notice : mapper_->TakeNotices()) {
-    spdlog::log(notice.is_problem ? spdlog::level::warn : spdlog::level::info, "{}", notice.text);
-    if (notice.is_problem) last_problem_ = notice.text;
+    if (notice.is_problem) {
+      ReportProblem(notice.text);
+    } else {
+      spdlog::info("{}", notice.text);
+    }
   }
+  auto snapshot = map_->Snapshot();
+  MutexLock lock(mutex_);
+  state_.map = std::move(snapshot);
+  state_.counts = mapper_->counts();
+  state_.scans_queued = mapper_->scans_queued();
+  state_.newest_scan_utime = mapper_->newest_scan_utime();
+  state_.last_mapped = last_mapped_;
+  state_.scan_times.scans += scan_times_.scans;
+  state_.scan_times.total += scan_times_.total;
+  state_.scan_times.longest = std::max(state_.scan_times.longest, scan_times_.longest);
+  scan_times_ = {};
+}
+
+void Daemon::ReportProblem(const std::string& text) {
+  spdlog::warn("{}", text);
+  MutexLock lock(mutex_);
+  state_.last_problem = text;
 }
 
 void Daemon::SaveNowAndThen(std::stop_token stop) {
@@ -155,28 +197,24 @@ void Daemon::SaveNowAndThen(std::stop_token stop) {
                    [] { return false; });
     if (stop.stop_requested()) return;
     if (absl::Status status = Save(); !status.ok()) {
-      spdlog::error("the map is not saved: {}", ErrorText(status));
-      MutexLock map_lock(map_mutex_);
-      last_problem_ = ErrorText(status);
+      ReportProblem("the map is not saved: " + ErrorText(status));
     }
   }
 }
 
 absl::Status Daemon::Save() {
-  std::shared_ptr<const MapSnapshot> snapshot;
-  uint64_t revision = 0;
+  std::shared_ptr<const MapSnapshot> map;
+  std::optional<uint64_t> saved_revision;
   {
-    MutexLock lock(map_mutex_);
-    revision = layer_->revision();
-    if (saved_revision_ == revision) return absl::OkStatus();
-    snapshot = map_->Snapshot();
+    MutexLock lock(mutex_);
+    map = state_.map;
+    saved_revision = state_.saved_revision;
   }
-  {
-    MutexLock lock(file_mutex_);
-    SPLINEMAP_RETURN_IF_ERROR(file_.Save(*snapshot));
-  }
-  MutexLock lock(map_mutex_);
-  saved_revision_ = revision;
+  const uint64_t revision = map->layers[own_layer_].revision;
+  if (saved_revision == revision) return absl::OkStatus();
+  SPLINEMAP_RETURN_IF_ERROR(file_.Save(*map));
+  MutexLock lock(mutex_);
+  state_.saved_revision = revision;
   return absl::OkStatus();
 }
 
@@ -188,17 +226,17 @@ status_t Daemon::Status() {
                      std::chrono::system_clock::now().time_since_epoch())
                      .count();
   status.version = SPLINEMAP_VERSION;
+  status.uptime_s = Seconds(Clock::now() - started_);
   status.messages_queued = static_cast<int32_t>(ingest_.size());
 
-  MutexLock lock(map_mutex_);
-  const auto now = steady_clock::now();
-  status.uptime_s = Seconds(now - started_);
-  status.name = layer_->id().name;
-  status.origin = static_cast<int64_t>(layer_->id().origin);
-  status.incarnation = static_cast<int64_t>(layer_->epoch().incarnation);
-  status.nonce = static_cast<int64_t>(layer_->epoch().nonce);
+  MutexLock lock(mutex_);
+  const LayerSnapshot& layer = state_.map->layers[own_layer_];
+  status.name = layer.id.name;
+  status.origin = static_cast<int64_t>(layer.id.origin);
+  status.incarnation = static_cast<int64_t>(layer.epoch.incarnation);
+  status.nonce = static_cast<int64_t>(layer.epoch.nonce);
 
-  MapperCounts counts = mapper_->counts();
+  MapperCounts counts = state_.counts;
   counts.drops[DropReason::kOverload] += ingest_.dropped();
   status.messages_received = counts.messages_received + ingest_.dropped();
   status.bytes_received = counts.bytes_received;
@@ -215,21 +253,22 @@ status_t Daemon::Status() {
   }
   status.num_drop_reasons = static_cast<int32_t>(status.drop_reasons.size());
 
-  status.scans_queued = static_cast<int32_t>(mapper_->scans_queued());
-  status.newest_scan_utime = mapper_->newest_scan_utime().count();
-  status.newest_scan_age_s = counts.scans_mapped > 0 ? Seconds(now - last_mapped_) : -1;
-  if (scan_times_.scans > 0) {
+  status.scans_queued = static_cast<int32_t>(state_.scans_queued);
+  status.newest_scan_utime = state_.newest_scan_utime.count();
+  status.newest_scan_age_s =
+      counts.scans_mapped > 0 ? Seconds(Clock::now() - state_.last_mapped) : -1;
+  if (state_.scan_times.scans > 0) {
     status.scan_time_mean_ms =
-        Milliseconds(scan_times_.total) / static_cast<double>(scan_times_.scans);
-    status.scan_time_max_ms = Milliseconds(scan_times_.longest);
+        Milliseconds(state_.scan_times.total) / static_cast<double>(state_.scan_times.scans);
+    status.scan_time_max_ms = Milliseconds(state_.scan_times.longest);
   }
-  scan_times_ = {};
+  state_.scan_times = {};
 
-  status.revision = static_cast<int64_t>(layer_->revision());
-  status.saved_revision = static_cast<int64_t>(saved_revision_.value_or(0));
-  status.tiles = static_cast<int64_t>(layer_->tiles().size());
+  status.revision = static_cast<int64_t>(layer.revision);
+  status.saved_revision = static_cast<int64_t>(state_.saved_revision.value_or(0));
+  status.tiles = static_cast<int64_t>(layer.tiles.size());
   status.map_bytes = status.tiles * static_cast<int64_t>(sizeof(Tile));
-  status.last_problem = last_problem_;
+  status.last_problem = state_.last_problem;
   return status;
 }
 
@@ -241,6 +280,7 @@ absl::Status Daemon::Stop() {
     thread->join();
   }
   SPLINEMAP_RETURN_IF_ERROR(Save());
+  SPLINEMAP_RETURN_IF_ERROR(file_.Close());
   PublishStatus();
   const status_t status = Status();
   spdlog::info("mapped {} of {} scans with {} poses; {} tiles, saved to {}", status.scans_mapped,

@@ -39,16 +39,7 @@ class Daemon {
   absl::Status Stop();
 
  private:
-  Daemon(const config::Config& config, std::unique_ptr<LcmBus> bus, MapFile file);
-  absl::Status OpenMap();
-
-  void Receive(std::stop_token stop);
-  void MapMessages(std::stop_token stop);
-  void MapOne(const IngestedMessage& message);
-  void SaveNowAndThen(std::stop_token stop);
-  absl::Status Save();
-  void LogNotices();
-  status_t Status();
+  using Clock = std::chrono::steady_clock;
 
   struct ScanTimes {
     int64_t scans = 0;
@@ -56,22 +47,47 @@ class Daemon {
     std::chrono::nanoseconds longest{0};
   };
 
+  // What the mapping thread shows to the others, between commits.
+  struct State {
+    std::shared_ptr<const MapSnapshot> map;
+    MapperCounts counts;
+    size_t scans_queued = 0;
+    Utime newest_scan_utime{0};
+    Clock::time_point last_mapped;
+    ScanTimes scan_times;  // since the last status
+    std::optional<uint64_t> saved_revision;
+    std::string last_problem;
+  };
+
+  Daemon(const config::Config& config, std::unique_ptr<LcmBus> bus, MapFile file);
+  absl::Status OpenMap();
+  absl::Status LoadMap(const std::string& name);
+
+  void Receive(std::stop_token stop);
+  void MapMessages(std::stop_token stop);
+  void MapOne(const IngestedMessage& message);
+  void ShowState();
+  void ReportProblem(const std::string& text);
+  void SaveNowAndThen(std::stop_token stop);
+  absl::Status Save();
+  status_t Status();
+
   config::Config config_;
-  const std::chrono::steady_clock::time_point started_ = std::chrono::steady_clock::now();
+  const Clock::time_point started_ = Clock::now();
   std::unique_ptr<LcmBus> bus_;
   IngestQueue ingest_;
 
-  Mutex map_mutex_;  // held while one message is mapped, and while a snapshot is taken
-  std::unique_ptr<Map> map_ ABSL_GUARDED_BY(map_mutex_);
-  Layer* layer_ ABSL_GUARDED_BY(map_mutex_) = nullptr;
-  std::unique_ptr<Mapper> mapper_ ABSL_GUARDED_BY(map_mutex_);
-  ScanTimes scan_times_ ABSL_GUARDED_BY(map_mutex_);  // since the last status
-  std::chrono::steady_clock::time_point last_mapped_ ABSL_GUARDED_BY(map_mutex_);
-  std::string last_problem_ ABSL_GUARDED_BY(map_mutex_);
+  // Of the mapping thread alone, once it runs.
+  std::unique_ptr<Map> map_;
+  size_t own_layer_ = 0;  // index in map_->layers() and in snapshots
+  std::unique_ptr<Mapper> mapper_;
+  ScanTimes scan_times_;  // since ShowState()
+  Clock::time_point last_mapped_;
 
-  Mutex file_mutex_;
-  MapFile file_ ABSL_GUARDED_BY(file_mutex_);
-  std::optional<uint64_t> saved_revision_ ABSL_GUARDED_BY(map_mutex_);
+  MapFile file_;  // of the saving thread alone, while it runs
+
+  Mutex mutex_;
+  State state_ ABSL_GUARDED_BY(mutex_);
 
   std::jthread saving_;
   std::jthread mapping_;

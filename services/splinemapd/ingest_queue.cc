@@ -13,6 +13,10 @@ void IngestQueue::Push(const std::string& channel, absl::Span<const uint8_t> mes
   IngestedMessage ingested{channel, {message.begin(), message.end()}};
   {
     MutexLock lock(mutex_);
+    if (Footprint(ingested) > max_bytes_) {
+      ++dropped_;
+      return;
+    }
     bytes_ += Footprint(ingested);
     messages_.push_back(std::move(ingested));
     while (bytes_ > max_bytes_) {

@@ -54,13 +54,14 @@ absl::StatusOr<config::Config> ConfigOf(const Flags& flags) {
   return config;
 }
 
-// SIGINT and SIGTERM, blocked in all threads and taken by Wait().
+// SIGINT, SIGTERM and SIGHUP (the terminal is gone), blocked in all threads and taken by Wait().
 class EndSignals {
  public:
   EndSignals() {
     sigemptyset(&set_);
     sigaddset(&set_, SIGINT);
     sigaddset(&set_, SIGTERM);
+    sigaddset(&set_, SIGHUP);
     pthread_sigmask(SIG_BLOCK, &set_, nullptr);
   }
   // True where a signal came within a second.

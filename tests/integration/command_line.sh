@@ -23,7 +23,8 @@ expect 0 splinemap build room.lcmlog --out room.splinemap --name robot
 expect_text "mapped" err
 expect 2 splinemap build room.lcmlog --out room.splinemap
 expect_text "--force" err
-expect 0 splinemap build room.lcmlog --out room.splinemap --name robot --force
+expect 0 splinemap build --scan LASER room.lcmlog --pose POSE --out room.splinemap --name robot --force
+expect 2 splinemap build room.lcmlog --out x.splinemap --name 'no/name'
 expect 2 splinemap build room.lcmlog --out x.splinemap --scan LASER:nonsense
 expect_text "michigan_2014" err
 expect 1 splinemap build room.lcmlog --out x.splinemap --scan NOWHERE --pose POSE
@@ -114,6 +115,22 @@ head -c 100000 room.lcmlog > cut.lcmlog
 expect 1 splinemap build cut.lcmlog --out cut.splinemap
 expect_text "ends within event" err
 expect 0 splinemap info cut.splinemap  # what came before is there
+expect 1 splinemap doctor cut.lcmlog
+expect_text "map it with" out
+
+# A map that a daemon left open, killed, is replaced cleanly; one in use is not.
+(
+  splinemapd --map killed.splinemap --scan LASER --pose POSE --lcm-url memq:// 2> daemon.log &
+  daemon=$!
+  await test -e killed.splinemap-wal
+  await splinemap info killed.splinemap
+  expect 1 splinemap build room.lcmlog --out killed.splinemap --force
+  expect_text "in use" err
+  kill -KILL "$daemon"
+  wait "$daemon" || true
+) 2> /dev/null || fail "replacing a map in use"
+expect 0 splinemap build room.lcmlog --out killed.splinemap --force --name robot
+expect 0 splinemap diff room.splinemap killed.splinemap
 
 # the daemon's configuration
 expect 0 splinemapd --scan LASER --pose POSE --print-config

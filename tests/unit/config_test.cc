@@ -103,6 +103,10 @@ TEST(PresetTest, IsToldFromTheFirstMessage) {
   EXPECT_EQ(DetectPreset(false, readings), "mbot_2024");
   readings.beam_utimes = {milliseconds(1001), milliseconds(1001)};
   EXPECT_EQ(DetectPreset(false, readings), "michigan_2017");
+  readings.beam_utimes = {Utime::min(), Utime::max()};
+  EXPECT_EQ(DetectPreset(false, readings), "michigan_2017") << "uninitialised";
+  readings.beam_utimes = {milliseconds(1001)};
+  EXPECT_EQ(DetectPreset(false, readings), std::nullopt) << "a lidar that spins up";
 }
 
 TEST(CheckConfigTest, WantsAScanAndAPoseChannel) {
@@ -112,6 +116,24 @@ TEST(CheckConfigTest, WantsAScanAndAPoseChannel) {
   EXPECT_NE(std::string(CheckConfig(config).message()).find("--pose"), std::string::npos);
   config.set_pose("POSE");
   EXPECT_TRUE(CheckConfig(config).ok());
+}
+
+TEST(CheckConfigTest, NamesAndChannelsHaveToFitFilesAndLcm) {
+  config::Config config;
+  config.set_pose("POSE");
+  config.add_scan()->set_channel("LASER");
+  for (const char* bad : {"a/b", "B\xfcro", "two words", "line\n"}) {
+    config.set_name(bad);
+    EXPECT_FALSE(CheckConfig(config).ok()) << bad;
+  }
+  config.set_name("robot-1.lab_2");
+  EXPECT_TRUE(CheckConfig(config).ok());
+  config.mutable_scan(0)->set_channel(std::string(64, 'A'));
+  EXPECT_FALSE(CheckConfig(config).ok());
+  config.mutable_scan(0)->set_channel(std::string(63, 'A'));
+  EXPECT_TRUE(CheckConfig(config).ok());
+  config.set_channel_prefix(std::string(60, 'A'));
+  EXPECT_FALSE(CheckConfig(config).ok());
 }
 
 TEST(CheckConfigTest, RefusesWhatCannotWork) {

@@ -11,6 +11,7 @@
 #include <map>
 #include <random>
 
+#include "lib/map/tile_update.h"
 #include "tests/support/random_map.h"
 #include "tests/support/temporary_directory.h"
 
@@ -176,12 +177,54 @@ TEST_F(MapFileTest, ADamagedTileIsReportedAndTheRestIsLoaded) {
     SQLite::Database database(path_, SQLite::OPEN_READWRITE);
     database.exec("UPDATE tile SET checksum = checksum + 1 WHERE tx = 2");
     database.exec("UPDATE tile SET content = x'00' WHERE tx = 3");
-    database.exec("UPDATE tile SET tx = 2147483647 WHERE tx = 1");
+    database.exec("UPDATE tile SET revision = -1 WHERE tx = 1");
+    // A tile whose checksum is right and whose key no tree can hold.
+    const TileUpdate far = MakeTileUpdate({2147483647, 0}, {}, 1);
+    SQLite::Statement insert(database, "INSERT INTO tile VALUES (1, ?, 0, 1, ?, ?)");
+    insert.bind(1, far.key.tx);
+    insert.bind(2, static_cast<int64_t>(far.checksum));
+    insert.bind(3, far.content.data(), static_cast<int>(far.content.size()));
+    insert.exec();
   }
   const auto loaded = ReadMapFile(path_);
   ASSERT_TRUE(loaded.ok()) << loaded.status();
-  EXPECT_EQ(loaded->damages.size(), 3u);
+  EXPECT_EQ(loaded->damages.size(), 4u);
   EXPECT_EQ(loaded->map->merged.size(), 4u);
+}
+
+TEST_F(MapFileTest, ASecondWriterOfALayerIsNoticedAndNothingIsMixed) {
+  Commit(map_.AddLayer({"robot", 1}, {1, 1}), 5);
+  auto first = MapFile::Open(path_);
+  ASSERT_TRUE(first->Save(*map_.Snapshot()).ok());
+
+  auto second = MapFile::Open(path_);
+  const auto loaded = second->Load();
+  Map other(loaded->map->options);
+  Commit(other.ContinueLayer(loaded->map->layers[0], {2, 2}), 7);
+  ASSERT_TRUE(second->Save(*other.Snapshot()).ok());
+
+  map_.Snapshot();
+  EXPECT_TRUE(absl::IsFailedPrecondition(first->Save(*map_.Snapshot())));
+  ExpectEqual(*ReadMapFile(path_)->map, *other.Snapshot());
+}
+
+TEST_F(MapFileTest, ClosedWhileSomeoneReadsTheOneFileHasEverything) {
+  Commit(map_.AddLayer({"robot", 1}, {1, 1}), 5);
+  auto file = MapFile::Open(path_);
+  ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  auto reader = MapFile::OpenReadOnly(path_);
+  ASSERT_TRUE(reader->Load().ok());
+  EXPECT_TRUE(file->Close().ok());
+  EXPECT_TRUE(absl::IsFailedPrecondition(file->Close()));
+  const std::string copy = directory_.File("copy");
+  std::filesystem::copy_file(path_, copy);
+  ExpectEqual(*ReadMapFile(copy)->map, *map_.Snapshot());
+}
+
+TEST_F(MapFileTest, ANameMayBeAnyBytes) {
+  map_.AddLayer({"B\xfcro \x01", 1}, {1, 1});
+  ASSERT_TRUE(MapFile::Open(path_)->Save(*map_.Snapshot()).ok());
+  ExpectEqual(*ReadMapFile(path_)->map, *map_.Snapshot());
 }
 
 TEST_F(MapFileTest, ADamagedMapRecordIsRefused) {

@@ -117,8 +117,28 @@ TEST(MapTest, ALayerThatGoesOnKeepsItsTilesAndRevision) {
   EXPECT_EQ(continued.revision(), 1u);
   continued.BeginCommit();
   continued.EditTile({0, 0}).control_points[0] = 5;
-  EXPECT_EQ(next.Snapshot()->merged.Find({0, 0})->revision, 2u);
+  EXPECT_EQ(next.Snapshot()->layers[0].tiles.Find({0, 0})->revision, 2u);
   EXPECT_EQ(snapshot->merged.Find({0, 0})->tile->control_points[0], 4);
+}
+
+TEST(LayerTest, UpdatesOfATileMayComeTwiceLateAndOutOfOrder) {
+  std::vector<std::shared_ptr<const Tile>> versions;
+  for (ControlPoint value = 1; value <= 5; ++value) {
+    auto tile = std::make_shared<Tile>();
+    tile->control_points.fill(value);
+    versions.push_back(tile);
+  }
+  Map map({0.05, kLimits});
+  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+  map.AddLayer({"robot", 2}, {1, 1});
+  for (const uint64_t revision : {2, 4, 4, 1, 5, 3}) {
+    layer.RestoreTile({0, 0}, versions[revision - 1], revision);
+    layer.RestoreTile({int32_t(revision), 7}, versions[revision - 1], revision);
+    // A tile with an old revision that comes late is in the next merged view, too.
+    EXPECT_NE(map.Snapshot()->merged.Find({int32_t(revision), 7}), nullptr);
+  }
+  EXPECT_EQ(map.Snapshot()->merged.Find({0, 0})->tile->control_points[0], 5);
+  EXPECT_EQ(layer.revision(), 5u);
 }
 
 TEST(MapTest, KnownIsWhereTheNearestControlPointWasTouched) {

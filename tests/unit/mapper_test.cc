@@ -124,6 +124,57 @@ TEST_F(MapperTest, PosesAtTheEdgeOfTheRangeAreMappedSafely) {
   EXPECT_GT(At(edge_m, 2), 0.5);
 }
 
+TEST_F(MapperTest, ALocalisationThatFallsSilentIsSaidEachTime) {
+  Configure("LASER:bot_core");
+  ScanLeft(0);
+  Pose(10);
+  int64_t ms = 100;
+  for (int time = 1; time <= 2; ++time) {
+    Pose(ms);
+    ScanLeft(ms);
+    mapper_->TakeNotices();
+    for (int n = 0; n < 60; ++n) ScanLeft(ms += 100);
+    const std::vector<Notice> notices = mapper_->TakeNotices();
+    ASSERT_EQ(notices.size(), 1u);
+    EXPECT_TRUE(notices[0].is_problem);
+    EXPECT_NE(notices[0].text.find("does POSE come"), std::string::npos) << notices[0].text;
+    ms += 100;
+  }
+  EXPECT_EQ(mapper_->counts().scans_mapped, 2);
+}
+
+TEST_F(MapperTest, APresetIsToldFromTheFirstScanWithBeams) {
+  Configure("LASER");
+  michigan::lidar_t lidar;
+  lidar.utime = 100'000;
+  lidar.num_ranges = 0;
+  mapper_->HandleMessage("LASER", Encode(lidar));
+  EXPECT_EQ(mapper_->counts().drops[DropReason::kUnusableScan], 1);
+  Pose(0);
+  Pose(1000, 1);
+  lidar.utime = 200'000;
+  lidar.num_ranges = 2;
+  lidar.ranges = {2, 2};
+  lidar.thetas = {static_cast<float>(M_PI / 2), 0};
+  lidar.times = {200'000, 300'000};
+  lidar.intensities = {0, 0};
+  mapper_->HandleMessage("LASER", Encode(lidar));
+  EXPECT_GT(At(0.2, -2), 0.5) << "michigan_2014";
+}
+
+TEST_F(MapperTest, AFullMapDropsScansAndKeepsWhatItHas) {
+  config_.mutable_service()->set_max_map_mb(1);
+  Configure("LASER:bot_core");
+  for (int n = 0; n < 1000; ++n) {
+    Pose(n, 10.0 * n);
+    ScanLeft(n);
+  }
+  EXPECT_GE(layer_.tiles().size(), 512u);
+  EXPECT_LT(layer_.tiles().size(), 520u);
+  const MapperCounts counts = mapper_->counts();
+  EXPECT_EQ(counts.drops[DropReason::kMapFull] + counts.scans_mapped, 1000);
+}
+
 TEST_F(MapperTest, FlushMapsWhatTheOrderHeldBack) {
   Configure("LASER:bot_core");
   *config_.add_scan() = *ParseScanFlag("REAR:bot_core");

@@ -53,7 +53,7 @@ TEST(RasterTest, PixelsShowTheSurfaceAtTheirCentre) {
 
 TEST(RasterTest, FitsThePictureToASide) {
   EXPECT_EQ(FittingPixelsPerKnot(*Room(), 60), 4);  // the longer side is 15 knots
-  EXPECT_EQ(FittingPixelsPerKnot(*Room(), 1), 1);
+  EXPECT_EQ(FittingPixelsPerKnot(*Room(), 3), 0.2);
   EXPECT_EQ(FittingPixelsPerKnot(*Room(), 100'000), 8);
 }
 

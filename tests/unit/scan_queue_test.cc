@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
-#include <variant>
+#include <tuple>
 #include <vector>
 
 namespace splinemap {
@@ -250,10 +250,10 @@ TEST_F(ScanQueueTest, OneStampFarInTheFutureCostsAMomentAndNotTheMap) {
 }
 
 TEST_F(ScanQueueTest, MemoryIsBoundedWithoutPoses) {
-  for (int64_t n = 0; n < 3000; ++n) {
+  for (int64_t n = 0; n < 12'000; ++n) {
     Scan scan;
     scan.utime = Utime(n);  // within max_pose_wait of each other
-    scan.beams.resize(10);
+    scan.beams.resize(1);
     queue_.AddScan(std::move(scan));
   }
   EXPECT_EQ(queue_.size(), ScanQueue::kMaxScans);
@@ -301,13 +301,14 @@ TEST(ScanQueueLawTest, TheInterleavingOfChannelsDoesNotMatter) {
     int64_t ms;
     int channel;  // 2: pose
   };
+  using Place = std::tuple<Utime, int, double, double>;
   std::vector<Event> events;
   for (int64_t ms = 0; ms < 20'000; ms += 10) events.push_back({ms, 2});
   for (int64_t ms = 33; ms < 20'000; ms += 100) events.push_back({ms, 0});
   for (int64_t ms = 51; ms < 20'000; ms += 70) events.push_back({ms, 1});
 
   std::mt19937_64 random(1);
-  std::vector<std::pair<Utime, int>> expected;
+  std::vector<Place> expected;
   for (int round = 0; round < 20; ++round) {
     // Each channel is late by an amount of its own that changes slowly: its order stays.
     std::vector<std::pair<double, Event>> arrivals;
@@ -320,17 +321,22 @@ TEST(ScanQueueLawTest, TheInterleavingOfChannelsDoesNotMatter) {
     std::stable_sort(arrivals.begin(), arrivals.end(),
                      [](const auto& a, const auto& b) { return a.first < b.first; });
     ScanQueue queue({}, 2);
-    std::vector<std::pair<Utime, int>> placed;
+    std::vector<Place> placed;
     const auto collect = [&] {
-      while (const auto scan = queue.Next()) placed.emplace_back(scan->utime, scan->channel);
+      while (const auto scan = queue.Next()) {
+        const Eigen::Vector2d& origin = scan->beams[0].origin_world_m;
+        placed.push_back({scan->utime, scan->channel, origin.x(), origin.y()});
+      }
     };
     for (const auto& [arrival, event] : arrivals) {
       if (event.channel == 2) {
-        queue.AddPose({milliseconds(event.ms), {}});
+        const double angle = static_cast<double>(event.ms) * 1e-3;
+        queue.AddPose({milliseconds(event.ms), {{std::cos(angle), std::sin(2 * angle)}, angle}});
       } else {
         Scan scan;
         scan.channel = event.channel;
         scan.utime = milliseconds(event.ms);
+        scan.robot_T_sensor = {{0.1 * event.channel, 0.2}, 0};
         scan.beams.resize(1);
         queue.AddScan(scan);
       }

@@ -47,6 +47,15 @@ TEST(PrepareScanTest, NoReturnClearsUpToTheMaximumWhereConfigured) {
   }
 }
 
+TEST(PrepareScanTest, AReadingOfTheMaximumIsNoReturnWhateverItsRounding) {
+  for (const double range_max_m : {5.6, 4.095, 8.2, 12.0}) {
+    SensorOptions options;
+    options.range_max_m = range_max_m;
+    EXPECT_TRUE(PrepareScan(Readings({static_cast<float>(range_max_m)}), options, 0)->beams.empty())
+        << range_max_m;
+  }
+}
+
 TEST(PrepareScanTest, BearingSignTurnsTheScan) {
   SensorOptions options;
   options.bearing_sign = -1;
@@ -88,6 +97,8 @@ TEST(PrepareScanTest, BeamTimesThatCannotBeTrueAreRefused) {
   EXPECT_FALSE(PrepareScan(readings, options, 0).ok()) << "none";
   readings.beam_utimes = {seconds(100), seconds(5)};
   EXPECT_FALSE(PrepareScan(readings, options, 0).ok()) << "95 s earlier";
+  readings.beam_utimes[1] = Utime::min();
+  EXPECT_FALSE(PrepareScan(readings, options, 0).ok()) << "uninitialised";
 }
 
 TEST(PrepareScanTest, MoreBeamsThanTheLimitAreRefused) {
