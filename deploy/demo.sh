@@ -4,7 +4,7 @@ set -euo pipefail
 
 usage() {
   cat << EOF
-usage: deploy/demo.sh [--yes] [LOG [input flags of splinemapd]]
+usage: deploy/demo.sh [--yes] [LOG [input flags of splinemapd]]    (splinemapd --help lists them)
 
   deploy/demo.sh                                     a simulated drive through an office floor
   deploy/demo.sh drive.lcmlog                        an LCM log
@@ -16,7 +16,7 @@ its own that no robot hears, and writes build/demo/map.png and build/demo/demo.s
 EOF
 }
 
-top=$(cd "$(dirname "$0")/.." && pwd)
+top=$(cd "$(dirname "$(readlink -f "$0")")/.." && pwd -P)
 out=$top/build/demo
 PATH=$top/build/release/clients/splinemap:$top/build/release/services/splinemapd:$PATH
 
@@ -24,9 +24,12 @@ say() { printf '%s\n' "$*" >&2; }
 die() { say "demo: $*"; exit 1; }
 
 build() {
-  say "Building (the first time takes some minutes) .."
-  (cd "$top" && cmake --preset release > "$out/build.log" 2>&1 &&
-    cmake --build --preset release >> "$out/build.log" 2>&1) ||
+  say "Building, if need be (the first time takes some minutes) .."
+  # On a terminal ninja shows its progress.
+  local log=$out/build.log show=$out/build.log
+  [[ ! -t 2 ]] || show=/dev/stderr
+  (cd "$top" && cmake --preset release > "$log" 2>&1 &&
+    cmake --build --preset release 2>&1 | tee -a "$log" > "$show") ||
     { grep -E "error|Error" "$out/build.log" | head -5 >&2; die "the build failed; see $out/build.log"; }
 }
 
@@ -34,12 +37,12 @@ build() {
 prepare_log() {
   local log=$1
   if [[ -z $log ]]; then
-    splinemap simulate "$out/office.lcmlog"
+    splinemap simulate "$out/office.lcmlog" --force
     echo "$out/office.lcmlog"
-  elif [[ $(head -c 4 "$log" | od -An -tx1 | tr -d ' \n') == eda1da01 ]]; then
+  elif [[ $(head -c 4 -- "$log" | od -An -tx1 | tr -d ' \n') == eda1da01 ]]; then
     realpath "$log"
   else
-    splinemap import-carmen "$log" "$out/imported.lcmlog" ||
+    splinemap import-carmen "$log" "$out/imported.lcmlog" --force ||
       die "$log is neither an LCM log nor a CARMEN log"
     echo "$out/imported.lcmlog"
   fi
@@ -52,7 +55,12 @@ choose_speed() {
     | [1, .duration_s / $seconds] | max' "$out/log.json"
 }
 
-newest() { tail -n 1 "$out/status.jsonl" 2> /dev/null | jq -r "$1" 2> /dev/null || echo 0; }
+# A field of the daemon's newest status, 0 where there is none yet.
+newest() {
+  local value
+  value=$(tail -n 1 "$out/status.jsonl" 2> /dev/null | jq -r "$1" 2> /dev/null)
+  echo "${value:-0}"
+}
 
 show_progress() {
   local scans=$1
@@ -61,14 +69,21 @@ show_progress() {
     "$scans" "$(newest .scans_mapped)" "$(newest .tiles)" >&2
 }
 
+# By id: jobs in the background do not get Ctrl-C from the terminal.
+end_what_was_started() {
+  local job
+  for job in $(jobs -p); do kill "$job" 2> /dev/null || true; done
+}
+
 # The part on the demo's own bus: play LOG into a daemon with the remaining arguments as flags.
 play() {
   local log=$1 speed=$2 scans=$3 messages=$4
   shift 4
-  rm -f "$out"/demo.splinemap*
+  rm -f "$out"/demo.splinemap* "$out/status.jsonl"
+  trap end_what_was_started EXIT
+  trap 'exit 130' INT TERM
   splinemapd --map "$out/demo.splinemap" "$@" 2> "$out/splinemapd.log" &
   local daemon=$!
-  trap 'kill "$daemon" 2> /dev/null || true' EXIT
   splinemap watch --once --timeout 15 > /dev/null ||
     { cat "$out/splinemapd.log" >&2; die "the daemon did not start"; }
   splinemap watch --json > "$out/status.jsonl" 2> /dev/null &
@@ -90,38 +105,43 @@ play() {
   if [[ -t 2 ]]; then printf '\n' >&2; fi
   kill "$daemon"
   wait "$daemon" || { cat "$out/splinemapd.log" >&2; die "the daemon failed"; }
-  trap - EXIT
   sleep 0.2  # the daemon's last status
   kill "$watch"
   wait "$watch" 2> /dev/null || true
 
-  grep -E 'warning|error|dropped' "$out/splinemapd.log" >&2 || true
+  grep -E 'warning|error|dropped' "$out/splinemapd.log" | cut -d ' ' -f 3- | sort -u >&2 || true
   local received
   received=$(newest .messages_received)
   say "Sent $messages messages; received $received, mapped $(newest .scans_mapped) of $scans scans."
-  ((received == messages)) || die "$((messages - received)) messages were lost on the way"
+  ((received == messages)) || die "$((messages - received)) of them were lost on the way"
 }
 
 main() {
-  local assume_yes=no log=
-  [[ ${1:-} != --yes ]] || { assume_yes=yes; shift; }
+  local assume_yes=no log='' argument arguments=()
+  for argument in "$@"; do
+    if [[ $argument == --yes ]]; then assume_yes=yes; else arguments+=("$argument"); fi
+  done
+  set -- "${arguments[@]}"
   [[ ${1:-} != -h && ${1:-} != --help ]] || { usage; exit 0; }
   if (($#)) && [[ $1 != -* ]]; then
     log=$1
     shift
-    [[ -r $log ]] || die "cannot read $log"
+    [[ -f $log && -r $log ]] || die "cannot read $log"
   elif (($#)); then
     usage >&2
     exit 2
   fi
   mkdir -p "$out"
+  exec 9> "$out/lock"
+  flock --nonblock 9 || die "another demo is running in $out"
   # shellcheck source=deploy/packages.sh
   source "$top/deploy/packages.sh"
   install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" "${DEMO_PACKAGES[@]}"
   build
   log=$(prepare_log "$log")
 
-  splinemap doctor "$log" --json "$@" > "$out/log.json"
+  splinemap doctor "$log" --json "$@" > "$out/log.json" ||
+    [[ -s $out/log.json ]] || exit 1  # a log that is damaged is played as far as it goes
   [[ $(jq -r .problem "$out/log.json") == null ]] || die "$(jq -r .problem "$out/log.json")"
   local chosen speed scans messages
   mapfile -t chosen < <(jq -r '.chosen_flags[]' "$out/log.json")

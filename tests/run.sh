@@ -29,20 +29,23 @@ esac
 source deploy/packages.sh
 install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" "${TEST_PACKAGES[@]}"
 
+# run PRESET TARGET ctest-arguments..
 run() {
-  local preset=$1
-  shift
+  local preset=$1 target=$2
+  shift 2
   [[ -f build/$preset/build.ninja ]] || cmake --preset "$preset"
-  cmake --build --preset "$preset"
+  cmake --build --preset "$preset" --target "$target"
   ctest --preset "$preset" --parallel "$(nproc)" --progress "$@"
 }
 
-case ${1:-} in
-  dev) run "$@" ;;
-  asan) run "$@" -L unit ;;
-  tsan) run "$@" -R '^(DaemonTest|IngestQueueTest|MapTest)' ;;
+preset=${1:-}
+(($#)) && shift
+case $preset in
+  dev) run dev all "$@" ;;
+  asan) run asan unit_tests -L unit "$@" ;;
+  tsan) run tsan thread_tests -R '^(DaemonTest|IngestQueueTest|MapTest)' "$@" ;;
   "")
-    run asan -L unit
-    run dev
+    run asan unit_tests -L unit
+    run dev all
     ;;
 esac

@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <memory>
 
+#include "absl/cleanup/cleanup.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/progress.h"
 #include "lib/base/random.h"
@@ -23,52 +24,44 @@ struct Flags {
   InputFlags input;
 };
 
+void ReportDrops(const DropCounts& drops) {
+  for (int k = 0; k < kNumDropReasons; ++k) {
+    const auto reason = static_cast<DropReason>(k);
+    if (drops[reason] == 0) continue;
+    std::fprintf(stderr, "dropped %ld %s: %s\n", static_cast<long>(drops[reason]), DropName(reason),
+                 DropExplanation(reason));
+  }
+}
+
 void Report(const MapperCounts& counts, const MapSnapshot& map, const std::string& out) {
   std::fprintf(stderr, "mapped %ld of %ld scans with %ld poses; %zu tiles in %s\n",
                static_cast<long>(counts.scans_mapped), static_cast<long>(counts.scans_received),
                static_cast<long>(counts.poses_received), map.merged.size(), out.c_str());
-  for (int k = 0; k < kNumDropReasons; ++k) {
-    const auto reason = static_cast<DropReason>(k);
-    if (counts.drops[reason] == 0) continue;
-    std::fprintf(stderr, "dropped %ld %s: %s\n", static_cast<long>(counts.drops[reason]),
-                 DropName(reason), DropExplanation(reason));
-  }
-}
-
-// What a map that is to be replaced has in files beside it would be taken for the new one's.
-absl::Status SettleOld(const std::string& out) {
-  std::error_code error;
-  if (!std::filesystem::exists(out, error)) return absl::OkStatus();
-  SPLINEMAP_ASSIGN_OR_RETURN(MapFile old, MapFile::Open(out));
-  SPLINEMAP_RETURN_IF_ERROR(old.Close());
-  if (std::filesystem::exists(out + "-wal", error)) {
-    return FailedPrecondition(
-        "{} is in use; end the daemon that maps into it, or give another --out", out);
-  }
-  return absl::OkStatus();
 }
 
 // A save is whole or not at all, and so is the file: it gets its name when it is complete.
 absl::Status SaveAs(const MapSnapshot& map, const std::string& out) {
   const std::string part = out + ".part";
   std::error_code error;
+  const absl::Cleanup remove_part = [&] { std::filesystem::remove(part, error); };
   std::filesystem::remove(part, error);
   {
     SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(part));
     SPLINEMAP_RETURN_IF_ERROR(file.Save(map));
     SPLINEMAP_RETURN_IF_ERROR(file.Close());
   }
-  SPLINEMAP_RETURN_IF_ERROR(SettleOld(out));
+  if (std::filesystem::exists(out, error)) {
+    // What an old map has in files beside it would be taken for the new one's.
+    SPLINEMAP_ASSIGN_OR_RETURN(MapFile old, MapFile::Open(out));
+    SPLINEMAP_RETURN_IF_ERROR(old.Close());
+  }
   std::filesystem::rename(part, out, error);
   if (error) return Unavailable("cannot write {}: {}", out, error.message());
   return absl::OkStatus();
 }
 
 absl::StatusOr<int> Build(const Flags& flags) {
-  std::error_code ignored;
-  if (std::filesystem::exists(flags.out, ignored) && !flags.force) {
-    return InvalidArgument("{} exists; --force replaces it", flags.out);
-  }
+  SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.out, flags.force));
   SPLINEMAP_ASSIGN_OR_RETURN(config::Config config, ConfigOf(flags.input));
   if (config.scan_size() == 0 || config.pose().empty()) {
     ProgressBar bar("looking for scans and poses");
@@ -95,6 +88,7 @@ absl::StatusOr<int> Build(const Flags& flags) {
   }
   const MapperCounts counts = mapper.counts();
   if (!read.ok()) std::fprintf(stderr, "%s\n", ErrorText(read).c_str());
+  ReportDrops(counts.drops);
   if (counts.scans_mapped == 0) {
     return FailedPrecondition("no scan of {} was mapped: {} scans and {} poses on {}", flags.log,
                               counts.scans_received, counts.poses_received,

@@ -2,6 +2,7 @@
 
 #include <CLI/App.hpp>
 #include <functional>
+#include <string>
 
 #include "absl/status/statusor.h"
 
@@ -15,6 +16,9 @@ inline constexpr int kUsage = 2;
 // What a chosen subcommand does: data on stdout, messages on stderr. Returns the exit status; an
 // error is shown and means kFailed, or kUsage for InvalidArgument.
 using Command = std::function<absl::StatusOr<int>()>;
+
+// Whether a command may write this file: its folder is there, and so is the file only with `force`.
+absl::Status CheckOutput(const std::string& path, bool force);
 
 // Each adds one subcommand, which sets `chosen` when it is on the command line.
 void AddBuild(CLI::App& app, Command& chosen);

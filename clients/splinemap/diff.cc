@@ -68,10 +68,13 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
     }
   }
   if (a.options != b.options) {
-    std::printf("options: knot_interval_m %g and %g, clamps %d .. %d and %d .. %d\n",
-                a.options.knot_interval_m, b.options.knot_interval_m, a.options.limits.min,
-                a.options.limits.max, b.options.limits.min, b.options.limits.max);
-    equal = false;
+    for (const MapSnapshot* map : {&a, &b}) {
+      fmt::print("{}: knot_interval_m {}, control points {} .. {} log-odds\n",
+                 map == &a ? path_a : path_b, map->options.knot_interval_m,
+                 map->options.limits.min / double{kUnitsPerLogOdds},
+                 map->options.limits.max / double{kUnitsPerLogOdds});
+    }
+    return kFailed;
   }
   std::set<const LayerSnapshot*> taken;
   for (const LayerSnapshot& layer : a.layers) {
@@ -94,7 +97,7 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
     equal = false;
   }
   if (equal) {
-    std::printf("equal: %zu layers, %zu tiles\n", a.layers.size(), a.merged.size());
+    std::printf("equal (layers: %zu, tiles: %zu)\n", a.layers.size(), a.merged.size());
   }
   return equal ? kSuccess : kFailed;
 }

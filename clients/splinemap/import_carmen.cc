@@ -12,12 +12,14 @@ namespace splinemap {
 namespace {
 
 struct Flags {
+  bool force = false;
   std::string in;
   std::string out;
   double rate_hz = 10;
 };
 
 absl::StatusOr<int> ImportCarmen(const Flags& flags) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.out, flags.force));
   CarmenLog log;
   {
     ProgressBar bar("reading");
@@ -73,6 +75,7 @@ void AddImportCarmen(CLI::App& app, Command& chosen) {
       ->add_option("--rate", flags->rate_hz,
                    "Hz of scans whose time stamps are of no use (default 10)")
       ->check(CLI::Range(0.001, 1000.0));
+  command->add_flag("--force", flags->force, "Replace the log if it exists");
   command->callback([flags, &chosen] { chosen = [flags] { return ImportCarmen(*flags); }; });
 }
 

@@ -54,7 +54,7 @@ void PrintForPeople(const nlohmann::json& json) {
   fmt::print("knot interval {} m, control points {} .. {} log-odds\n",
              number(json["knot_interval_m"]), number(json["clamp_min"]), number(json["clamp_max"]));
   for (const nlohmann::json& layer : json["layers"]) {
-    fmt::print("layer {} ({}): {} scans in {} starts, {} tiles, {:.1f} m2 seen\n",
+    fmt::print("layer {} ({}): {} scans, start {}, {} tiles, {:.1f} m2 seen\n",
                layer["name"].get<std::string>(), layer["origin"].get<std::string>(),
                layer["scans"].get<int64_t>(), layer["incarnation"].get<int64_t>(),
                layer["tiles"].get<int64_t>(), number(layer["area_m2"]));

@@ -17,6 +17,7 @@ namespace splinemap {
 namespace {
 
 struct Flags {
+  bool force = false;
   std::vector<std::string> files;  // [WORLD] OUT
   double scan_rate_hz = 10;
   double pose_rate_hz = 50;
@@ -40,6 +41,7 @@ absl::StatusOr<simulation::World> LoadWorld(const Flags& flags) {
 }
 
 absl::StatusOr<int> Simulate(const Flags& flags) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.files.back(), flags.force));
   SPLINEMAP_ASSIGN_OR_RETURN(const simulation::World world, LoadWorld(flags));
   SPLINEMAP_ASSIGN_OR_RETURN(const Drive drive, Drive::Plan(world));
   SPLINEMAP_ASSIGN_OR_RETURN(LcmLogWriter writer, LcmLogWriter::Create(flags.files.back()));
@@ -120,6 +122,7 @@ void AddSimulate(CLI::App& app, Command& chosen) {
   command->add_option("--trajectory", flags->trajectory_path, "CSV file for the true poses")
       ->type_name("FILE");
   command->add_option("--world-out", flags->world_path, "File for the world")->type_name("FILE");
+  command->add_flag("--force", flags->force, "Replace the log if it exists");
   command->callback([flags, &chosen] { chosen = [flags] { return Simulate(*flags); }; });
 }
 

@@ -55,12 +55,12 @@ absl::StatusOr<config::Config> LoadConfig(const std::string& path) {
 
 absl::StatusOr<config::Scan> ParseScanFlag(const std::string& flag) {
   config::Scan scan;
-  const size_t colon = flag.find(':');
-  scan.set_channel(flag.substr(0, colon));
+  const size_t end = flag.find_first_of(":,");
+  scan.set_channel(flag.substr(0, end));
   if (scan.channel().empty()) return InvalidArgument("--scan {}: no channel", flag);
-  if (colon == std::string::npos) return scan;
-  bool is_first = true;
-  const std::vector<std::string> parts = absl::StrSplit(flag.substr(colon + 1), ',');
+  if (end == std::string::npos) return scan;
+  bool is_first = flag[end] == ':';
+  const std::vector<std::string> parts = absl::StrSplit(flag.substr(end + 1), ',');
   for (const std::string& part : parts) {
     const size_t equals = part.find('=');
     const bool is_preset = is_first && equals == std::string::npos;

@@ -50,8 +50,10 @@ absl::Status ReadLcmLog(const std::string& path, absl::FunctionRef<void(const Lo
       return DataLoss("{} ends within event {}", path, count);
     }
     if (!std::equal(kSync.begin(), kSync.end(), header.begin())) {
-      return DataLoss("{} is no LCM log, or damaged: no event {} at byte {}", path, count,
-                      bytes_read);
+      if (count == 0) {
+        return InvalidArgument("{} is no LCM log (a CARMEN log is: splinemap import-carmen)", path);
+      }
+      return DataLoss("{} is damaged: no event {} at byte {}", path, count, bytes_read);
     }
     const auto channel_bytes = static_cast<uint32_t>(BigEndian(&header[20], 4));
     const auto message_bytes = static_cast<uint32_t>(BigEndian(&header[24], 4));

@@ -21,8 +21,9 @@ struct LogEvent {
 };
 
 // Visits the events of a log in the order of the file. `progress` is called now and then with the
-// share of the file that was read, 0 .. 1. A log that ends early or has a broken event is DataLoss
-// after the events before it were visited.
+// share of the file that was read, 0 .. 1. InvalidArgument for a file that does not begin as an LCM
+// log; DataLoss for one that ends early or has a broken event, after the events before were
+// visited.
 absl::Status ReadLcmLog(const std::string& path, absl::FunctionRef<void(const LogEvent&)> visit,
                         absl::FunctionRef<void(double)> progress);
 

@@ -40,8 +40,7 @@ absl::StatusOr<std::string> OnlyChannel(const LogSurvey& survey, bool (*is_kind)
     if (channel.type && is_kind(*channel.type)) fitting.push_back(&channel);
   }
   if (fitting.empty()) {
-    return InvalidArgument("the log has no channel of {}; splinemap doctor LOG lists what it has",
-                           kind);
+    return InvalidArgument("the log has no channel of {}", kind);
   }
   if (fitting.size() == 1) return fitting.front()->name;
   std::string text =
@@ -51,6 +50,18 @@ absl::StatusOr<std::string> OnlyChannel(const LogSurvey& survey, bool (*is_kind)
                         channel->rate_hz, channel->messages, TypeName(*channel->type));
   }
   return absl::InvalidArgumentError(text);
+}
+
+absl::Status CheckChannel(const LogSurvey& survey, const std::string& name,
+                          bool (*is_kind)(MessageType), const char* kind) {
+  std::vector<std::string> names;
+  for (const LoggedChannel& channel : survey.channels) {
+    const bool fits = channel.type && is_kind(*channel.type);
+    if (channel.name == name && fits) return absl::OkStatus();
+    if (fits) names.push_back(channel.name);
+  }
+  return InvalidArgument("{} is no channel of {} in the log; there are: {}", name, kind,
+                         names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", ")));
 }
 
 }  // namespace
@@ -87,6 +98,12 @@ absl::StatusOr<LogSurvey> SurveyLog(const std::string& path,
 }
 
 absl::Status ChooseChannels(const LogSurvey& survey, config::Config& config) {
+  for (const config::Scan& scan : config.scan()) {
+    SPLINEMAP_RETURN_IF_ERROR(CheckChannel(survey, scan.channel(), &IsScan, "scans"));
+  }
+  if (!config.pose().empty()) {
+    SPLINEMAP_RETURN_IF_ERROR(CheckChannel(survey, config.pose(), &IsPose, "poses"));
+  }
   if (config.scan_size() == 0) {
     SPLINEMAP_ASSIGN_OR_RETURN(const std::string channel,
                                OnlyChannel(survey, &IsScan, "scans", "--scan"));

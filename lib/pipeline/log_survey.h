@@ -34,8 +34,8 @@ absl::StatusOr<LogSurvey> SurveyLog(const std::string& path,
                                     absl::FunctionRef<void(double)> progress);
 
 // Fills in the scan channel and the pose channel where `config` has none and the log has just one
-// that fits. Where several or none do, InvalidArgument lists them with their rates and says which
-// flag to give.
+// that fits, and checks those that it has. Where several or none do, InvalidArgument lists them
+// with their rates and says which flag to give.
 absl::Status ChooseChannels(const LogSurvey& survey, config::Config& config);
 
 }  // namespace splinemap

@@ -1,10 +1,16 @@
 #include "lib/store/map_file.h"
 
 #include <SQLiteCpp/SQLiteCpp.h>
+#include <fcntl.h>
 #include <sqlite3.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <cstring>
 #include <filesystem>
 #include <limits>
 #include <utility>
@@ -117,8 +123,43 @@ int64_t HostUtime() {
 
 }  // namespace
 
-MapFile::MapFile(std::string path, std::unique_ptr<SQLite::Database> database)
-    : path_(std::move(path)), database_(std::move(database)) {}
+// An exclusive flock on the file for as long as it lives. SQLite's own locks are of another kind
+// and are held during a transaction only.
+class MapFile::Lock {
+ public:
+  static absl::StatusOr<std::unique_ptr<Lock>> Take(const std::string& path) {
+    std::unique_ptr<Lock> lock(new Lock(open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666)));
+    if (lock->descriptor_ < 0) {
+      return Unavailable("cannot open {} for writing: {}", path, std::strerror(errno));
+    }
+    if (flock(lock->descriptor_, LOCK_EX | LOCK_NB) != 0) {
+      return FailedPrecondition("{} is in use by another process; give another file, or end it",
+                                path);
+    }
+    return lock;
+  }
+  ~Lock() {
+    if (descriptor_ >= 0) close(descriptor_);
+  }
+  Lock(const Lock&) = delete;
+  Lock& operator=(const Lock&) = delete;
+
+  // True where `path` still names the file that is locked.
+  bool Holds(const std::string& path) const {
+    struct stat locked {};
+    struct stat named {};
+    return fstat(descriptor_, &locked) == 0 && stat(path.c_str(), &named) == 0 &&
+           locked.st_ino == named.st_ino && locked.st_dev == named.st_dev;
+  }
+
+ private:
+  explicit Lock(int descriptor) : descriptor_(descriptor) {}
+  int descriptor_;
+};
+
+MapFile::MapFile(std::string path, std::unique_ptr<Lock> lock,
+                 std::unique_ptr<SQLite::Database> database)
+    : path_(std::move(path)), lock_(std::move(lock)), database_(std::move(database)) {}
 MapFile::MapFile(MapFile&&) noexcept = default;
 MapFile& MapFile::operator=(MapFile&&) noexcept = default;
 
@@ -130,7 +171,7 @@ absl::Status MapFile::Close() {
   return WithStatus(path_, [&]() -> absl::Status {
     if (!database_) return FailedPrecondition("{} is closed", path_);
     const std::unique_ptr<SQLite::Database> database = std::move(database_);
-    if (sqlite3_db_readonly(database->getHandle(), "main") == 1) return absl::OkStatus();
+    if (lock_ == nullptr) return absl::OkStatus();  // a reader
     database->exec("PRAGMA wal_checkpoint(TRUNCATE)");
     // Fails while another process reads; then the empty files beside stay.
     sqlite3_exec(database->getHandle(), "PRAGMA journal_mode = DELETE", nullptr, nullptr, nullptr);
@@ -140,23 +181,28 @@ absl::Status MapFile::Close() {
 
 absl::StatusOr<MapFile> MapFile::Open(const std::string& path) {
   return WithStatus(path, [&]() -> absl::StatusOr<MapFile> {
+    SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<Lock> lock, Lock::Take(path));
     auto database = std::make_unique<SQLite::Database>(
         path, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE, kBusyTimeoutMs);
     if (IsUnused(*database)) MakeSchema(*database);
     SPLINEMAP_RETURN_IF_ERROR(CheckHeader(path, *database));
     database->exec("PRAGMA journal_mode = WAL");
     database->exec("PRAGMA synchronous = FULL");
-    return MapFile(path, std::move(database));
+    return MapFile(path, std::move(lock), std::move(database));
   });
 }
 
 absl::StatusOr<MapFile> MapFile::OpenReadOnly(const std::string& path) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return NotFound("there is no file {}", path);
+  if (!std::filesystem::is_regular_file(path, error)) {
+    return InvalidArgument("{} is no map file: it is no file at all", path);
+  }
   return WithStatus(path, [&]() -> absl::StatusOr<MapFile> {
     auto database = std::make_unique<SQLite::Database>(path, SQLite::OPEN_READONLY, kBusyTimeoutMs);
+    if (IsUnused(*database)) return NotFound("{} holds no map yet", path);
     SPLINEMAP_RETURN_IF_ERROR(CheckHeader(path, *database));
-    return MapFile(path, std::move(database));
+    return MapFile(path, nullptr, std::move(database));
   });
 }
 
@@ -166,11 +212,11 @@ absl::StatusOr<bool> MapFile::IsEmpty() {
   });
 }
 
-MapFile::SavedLayer* MapFile::FindSaved(const LayerId& id) {
-  for (SavedLayer& layer : saved_) {
-    if (layer.id == id) return &layer;
+uint64_t MapFile::SavedTreeEpoch(const LayerId& id) const {
+  for (const SavedLayer& layer : saved_) {
+    if (layer.id == id) return layer.tree_epoch;
   }
-  return nullptr;
+  return 0;
 }
 
 absl::StatusOr<LoadedMap> MapFile::Load() {
@@ -225,7 +271,7 @@ absl::StatusOr<LoadedMap> MapFile::LoadUnchecked() {
   loaded.map = map.Snapshot();
   saved_.clear();
   for (const LayerSnapshot& layer : loaded.map->layers) {
-    saved_.push_back({layer.id, layer.epoch, layer.tiles.epoch()});
+    saved_.push_back({layer.id, layer.tiles.epoch()});
   }
   return loaded;
 }
@@ -235,6 +281,7 @@ absl::Status MapFile::Save(const MapSnapshot& snapshot) {
 }
 
 absl::Status MapFile::SaveUnchecked(const MapSnapshot& snapshot) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckStillThere());
   SQLite::Transaction transaction(*database_, SQLite::TransactionBehavior::IMMEDIATE);
   store::MapRecord record;
   record.set_knot_interval_m(snapshot.options.knot_interval_m);
@@ -249,11 +296,9 @@ absl::Status MapFile::SaveUnchecked(const MapSnapshot& snapshot) {
                              "INSERT OR REPLACE INTO tile (layer, tx, ty, revision, checksum, "
                              "content) VALUES (?, ?, ?, ?, ?, ?)");
   for (const LayerSnapshot& layer : snapshot.layers) {
-    SPLINEMAP_RETURN_IF_ERROR(CheckStillOurs(layer.id));
     put_tile.bind(1, SaveLayerRecord(layer));
-    const SavedLayer* saved = FindSaved(layer.id);
     layer.tiles.ForEachChanged(
-        saved == nullptr ? 0 : saved->tree_epoch, [&](TileKey key, const TileTree::Entry& entry) {
+        SavedTreeEpoch(layer.id), [&](TileKey key, const TileTree::Entry& entry) {
           const TileUpdate update = MakeTileUpdate(key, *entry.tile, entry.revision);
           put_tile.bind(2, update.key.tx);
           put_tile.bind(3, update.key.ty);
@@ -265,28 +310,20 @@ absl::Status MapFile::SaveUnchecked(const MapSnapshot& snapshot) {
         });
   }
   transaction.commit();
+  // So that a copy of the one file has all. Waits for nobody: what readers hold up comes with the
+  // next.
+  sqlite3_wal_checkpoint_v2(database_->getHandle(), nullptr, SQLITE_CHECKPOINT_PASSIVE, nullptr,
+                            nullptr);
   saved_.clear();
   for (const LayerSnapshot& layer : snapshot.layers) {
-    saved_.push_back({layer.id, layer.epoch, layer.tiles.epoch()});
+    saved_.push_back({layer.id, layer.tiles.epoch()});
   }
   return absl::OkStatus();
 }
 
-absl::Status MapFile::CheckStillOurs(const LayerId& id) {
-  SQLite::Statement query(*database_, "SELECT record FROM layer WHERE name = ? AND origin = ?");
-  query.bind(1, id.name);
-  query.bind(2, ToSql(id.origin));
-  store::LayerRecord record;
-  const bool exists = query.executeStep() && record.ParseFromString(query.getColumn(0).getString());
-  const SavedLayer* saved = FindSaved(id);
-  const LayerEpoch stored{record.incarnation(), record.nonce()};
-  if (exists ? (saved != nullptr && saved->epoch == stored) : saved == nullptr) {
-    return absl::OkStatus();
-  }
-  return FailedPrecondition(
-      "{}: another process maps layer {} into this file; only one can. Give one of them another "
-      "--map",
-      path_, id.name);
+absl::Status MapFile::CheckStillThere() const {
+  if (lock_ != nullptr && lock_->Holds(path_)) return absl::OkStatus();
+  return FailedPrecondition("{} was deleted or replaced while it was in use", path_);
 }
 
 int64_t MapFile::SaveLayerRecord(const LayerSnapshot& layer) {

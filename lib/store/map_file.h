@@ -27,7 +27,8 @@ struct LoadedMap {
 // beside it (-wal, -shm). Thread-compatible.
 class MapFile {
  public:
-  // Opens for writing; makes the file where there is none. Errors say what is in the way: no
+  // Opens for writing, which one process at a time can; makes the file where there is none. Errors
+  // say what is in the way: another process (FailedPrecondition), no
   // permission, no SQLite database, a database of something else, a newer schema.
   static absl::StatusOr<MapFile> Open(const std::string& path);
   // Opens for reading a file that exists; another process may be writing to it.
@@ -56,18 +57,20 @@ class MapFile {
   // What the file holds of a layer.
   struct SavedLayer {
     LayerId id;
-    LayerEpoch epoch;
     uint64_t tree_epoch = 0;  // of the tiles
   };
 
-  MapFile(std::string path, std::unique_ptr<SQLite::Database> database);
-  SavedLayer* FindSaved(const LayerId& id);
-  absl::Status CheckStillOurs(const LayerId& id);
+  class Lock;
+
+  MapFile(std::string path, std::unique_ptr<Lock> lock, std::unique_ptr<SQLite::Database> database);
+  uint64_t SavedTreeEpoch(const LayerId& id) const;
+  absl::Status CheckStillThere() const;
   int64_t SaveLayerRecord(const LayerSnapshot& layer);
   absl::StatusOr<LoadedMap> LoadUnchecked();
   absl::Status SaveUnchecked(const MapSnapshot& snapshot);
 
   std::string path_;
+  std::unique_ptr<Lock> lock_;  // of a writer; outlives database_
   std::unique_ptr<SQLite::Database> database_;
   std::vector<SavedLayer> saved_;
 };

@@ -32,10 +32,11 @@ void Forward(const lcm::ReceiveBuffer* buffer, const std::string& channel,
 absl::StatusOr<std::unique_ptr<LcmBus>> LcmBus::Open(const std::string& url) {
   std::unique_ptr<LcmBus> bus(new LcmBus(url));
   if (!bus->lcm_.good()) {
-    return Unavailable(
-        "cannot open the LCM bus {}; for udpm, is there a multicast route? Try: sudo ip route add "
-        "224.0.0.0/4 dev lo",
-        url.empty() ? "(default)" : url);
+    const bool is_udpm = url.empty() || url.starts_with("udpm");
+    return Unavailable("cannot open the LCM bus {}{}", url.empty() ? "(default)" : url,
+                       is_udpm ? "; is there a multicast route? Try: sudo ip link set lo multicast "
+                                 "on && sudo ip route add 224.0.0.0/4 dev lo"
+                               : "");
   }
   return bus;
 }

@@ -17,6 +17,8 @@ using std::chrono::milliseconds;
 constexpr milliseconds kPatience(50);
 // How old at most what others see of the map is, while messages pour in.
 constexpr milliseconds kShowInterval(20);
+// So long after the start, channels that were never heard are a problem.
+constexpr double kSilence_s = 5;
 // Messages that are still under way when the daemon ends are received for at most this long.
 constexpr milliseconds kMaxDrain(2000);
 
@@ -218,7 +220,20 @@ absl::Status Daemon::Save() {
   return absl::OkStatus();
 }
 
-void Daemon::PublishStatus() { bus_->Publish(config_.channel_prefix() + "_STATUS", Status()); }
+void Daemon::PublishStatus() {
+  const status_t status = Status();
+  WarnOfSilence(status);
+  bus_->Publish(config_.channel_prefix() + "_STATUS", status);
+}
+
+void Daemon::WarnOfSilence(const status_t& status) {
+  const bool is_silent = status.scans_received == 0 || status.poses_received == 0;
+  if (!is_silent || status.uptime_s < kSilence_s || std::exchange(warned_of_silence_, true)) return;
+  ReportProblem(fmt::format(
+      "nothing heard of {} for {:.0f} s; is the channel right, and the LCM URL? splinemap doctor "
+      "shows what a log of the bus holds",
+      status.scans_received == 0 ? "scans" : config_.pose(), status.uptime_s));
+}
 
 status_t Daemon::Status() {
   status_t status;

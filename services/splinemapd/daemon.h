@@ -68,6 +68,7 @@ class Daemon {
   void MapOne(const IngestedMessage& message);
   void ShowState();
   void ReportProblem(const std::string& text);
+  void WarnOfSilence(const status_t& status);
   void SaveNowAndThen(std::stop_token stop);
   absl::Status Save();
   status_t Status();
@@ -84,7 +85,8 @@ class Daemon {
   ScanTimes scan_times_;  // since ShowState()
   Clock::time_point last_mapped_;
 
-  MapFile file_;  // of the saving thread alone, while it runs
+  MapFile file_;                    // of the saving thread alone, while it runs
+  bool warned_of_silence_ = false;  // of the caller's thread
 
   Mutex mutex_;
   State state_ ABSL_GUARDED_BY(mutex_);

@@ -16,6 +16,13 @@ expect 0 splinemap simulate room.world room.lcmlog --trajectory truth.csv --worl
 [[ $(head -n 1 truth.csv) == utime_us,x_m,y_m,yaw_rad ]] || fail "header of the trajectory"
 expect 0 splinemap simulate copy.world again.lcmlog
 cmp room.lcmlog again.lcmlog || fail "the same world and seed make the same log"
+expect 2 splinemap simulate room.world again.lcmlog
+expect_text "--force" err
+expect 0 splinemap simulate room.world again.lcmlog --force
+expect 2 splinemap build room.lcmlog --out /dev/null --force
+expect 2 splinemap build room.lcmlog --out no/such/folder
+expect 2 splinemap doctor room.lcmlog --pose NOPE
+expect_text "there are: POSE" err
 expect 0 splinemap doctor room.lcmlog
 expect_text "map it with: --scan LASER --pose POSE" out
 expect 0 splinemap build room.lcmlog --out room.splinemap --name robot
@@ -106,10 +113,15 @@ for command in build info render query diff doctor watch simulate import-carmen;
 done
 expect 1 splinemap info none.splinemap
 expect_text "there is no file none.splinemap" err
+expect 2 splinemap info .
+: > empty.splinemap
+expect 1 splinemap info empty.splinemap
+expect_text "holds no map yet" err
 expect 2 splinemap info room.world
 expect_text "no map file" err
 expect 1 splinemap doctor none.lcmlog
-expect 1 splinemap doctor room.world
+expect 2 splinemap doctor room.world
+expect_text "import-carmen" err
 expect 2 splinemap import-carmen room.lcmlog x.lcmlog
 head -c 100000 room.lcmlog > cut.lcmlog
 expect 1 splinemap build cut.lcmlog --out cut.splinemap

@@ -62,6 +62,8 @@ TEST(ScanFlagTest, ReadsChannelPresetAndOptions) {
   EXPECT_EQ(scan->preset(), "michigan_2017");
   EXPECT_EQ(scan->time_offset_ms(), -200);
   EXPECT_EQ(ParseScanFlag("LIDAR:x_m=0.25")->x_m(), 0.25);
+  EXPECT_EQ(ParseScanFlag("LIDAR,x_m=0.25")->channel(), "LIDAR");
+  EXPECT_EQ(ParseScanFlag("LIDAR,x_m=0.25")->x_m(), 0.25);
   EXPECT_EQ(ParseScanFlag("LIDAR")->preset(), "auto");
 }
 
@@ -75,6 +77,7 @@ TEST(ScanFlagTest, WrongFlagsSayWhatIsWrong) {
   EXPECT_NE(error("LIDAR:x_m=1e9"), "");
   EXPECT_NE(error("LIDAR:bot_core,mbot_2024"), "");
   EXPECT_NE(error(":bot_core"), "");
+  EXPECT_NE(error("LIDAR,bot_core"), "");
 }
 
 TEST(PresetTest, ExplicitValuesWinOverThePreset) {

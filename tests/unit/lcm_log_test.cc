@@ -80,7 +80,7 @@ TEST_F(LcmLogTest, DamageIsNamedAndAllocatesNothing) {
 
 TEST_F(LcmLogTest, OtherFilesAreNoLogs) {
   SetBytes("FLASER 180 this is another kind of log, longer than a header");
-  EXPECT_TRUE(absl::IsDataLoss(Read()));
+  EXPECT_TRUE(absl::IsInvalidArgument(Read()));
   EXPECT_TRUE(absl::IsNotFound(ReadLcmLog(
       directory_.File("none"), [](const LogEvent&) {}, [](double) {})));
   EXPECT_FALSE(LcmLogWriter::Create(directory_.File("no/such/folder")).ok());

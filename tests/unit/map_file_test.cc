@@ -192,20 +192,34 @@ TEST_F(MapFileTest, ADamagedTileIsReportedAndTheRestIsLoaded) {
   EXPECT_EQ(loaded->map->merged.size(), 4u);
 }
 
-TEST_F(MapFileTest, ASecondWriterOfALayerIsNoticedAndNothingIsMixed) {
-  Commit(map_.AddLayer({"robot", 1}, {1, 1}), 5);
+TEST_F(MapFileTest, ASecondWriterIsRefused) {
   auto first = MapFile::Open(path_);
-  ASSERT_TRUE(first->Save(*map_.Snapshot()).ok());
+  ASSERT_TRUE(first.ok());
+  const absl::Status status = MapFile::Open(path_).status();
+  EXPECT_TRUE(absl::IsFailedPrecondition(status));
+  EXPECT_NE(std::string(status.message()).find("in use"), std::string::npos) << status;
+  EXPECT_TRUE(first->Close().ok());
+  first = absl::UnknownError("gone");
+  EXPECT_TRUE(MapFile::Open(path_).ok());
+}
 
-  auto second = MapFile::Open(path_);
-  const auto loaded = second->Load();
-  Map other(loaded->map->options);
-  Commit(other.ContinueLayer(loaded->map->layers[0], {2, 2}), 7);
-  ASSERT_TRUE(second->Save(*other.Snapshot()).ok());
+TEST_F(MapFileTest, AFileThatIsDeletedOrReplacedIsNoticed) {
+  map_.AddLayer({"robot", 1}, {1, 1});
+  auto file = MapFile::Open(path_);
+  ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  std::filesystem::remove(path_);
+  EXPECT_TRUE(absl::IsFailedPrecondition(file->Save(*map_.Snapshot())));
+  std::ofstream(path_) << "another";
+  EXPECT_TRUE(absl::IsFailedPrecondition(file->Save(*map_.Snapshot())));
+}
 
-  map_.Snapshot();
-  EXPECT_TRUE(absl::IsFailedPrecondition(first->Save(*map_.Snapshot())));
-  ExpectEqual(*ReadMapFile(path_)->map, *other.Snapshot());
+TEST_F(MapFileTest, ACopyOfTheFileInUseHasTheLastSave) {
+  Commit(map_.AddLayer({"robot", 1}, {1, 1}), 5);
+  auto file = MapFile::Open(path_);
+  ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  const std::string copy = directory_.File("copy");
+  std::filesystem::copy_file(path_, copy);
+  ExpectEqual(*ReadMapFile(copy)->map, *map_.Snapshot());
 }
 
 TEST_F(MapFileTest, ClosedWhileSomeoneReadsTheOneFileHasEverything) {
