@@ -25,12 +25,16 @@ die() { say "demo: $*"; exit 1; }
 
 build() {
   say "Building, if need be (the first time takes some minutes) .."
-  # On a terminal ninja shows its progress.
-  local log=$out/build.log show=$out/build.log
-  [[ ! -t 2 ]] || show=/dev/stderr
-  (cd "$top" && cmake --preset release > "$log" 2>&1 &&
-    cmake --build --preset release 2>&1 | tee -a "$log" > "$show") ||
-    { grep -E "error|Error" "$out/build.log" | head -5 >&2; die "the build failed; see $out/build.log"; }
+  local log=$out/build.log
+  cd "$top"
+  cmake --preset release > "$log" 2>&1 || { tail -n 5 "$log" >&2; die "cmake failed; see $log"; }
+  if [[ -t 2 ]]; then
+    cmake --build --preset release >&2 || die "the build failed"  # ninja shows its progress
+  else
+    cmake --build --preset release >> "$log" 2>&1 ||
+      { grep -iE "error" "$log" | head -5 >&2; die "the build failed; see $log"; }
+  fi
+  cd - > /dev/null
 }
 
 # Leaves the drive as an LCM log and prints its path.
