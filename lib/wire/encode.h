@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "lcmtypes/bot_core/planar_lidar_t.hpp"
@@ -8,6 +9,14 @@
 #include "lib/sensing/pose_buffer.h"
 
 namespace splinemap {
+
+// The bytes of a message as they stand on the bus.
+template <typename Message>
+std::vector<uint8_t> Encode(const Message& message) {
+  std::vector<uint8_t> bytes(message.getEncodedSize());
+  message.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+  return bytes;
+}
 
 // Messages as a robot with bot_core types publishes them.
 bot_core::pose_t PoseMessage(const TimedPose& pose);

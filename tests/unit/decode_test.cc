@@ -29,13 +29,6 @@ static size_t largest_allocation = 0;
 namespace splinemap {
 namespace {
 
-template <typename Message>
-std::vector<uint8_t> Encode(const Message& message) {
-  std::vector<uint8_t> bytes(message.getEncodedSize());
-  message.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
-  return bytes;
-}
-
 michigan::lidar_t MichiganScan() {
   michigan::lidar_t message;
   message.utime = 5'000'000;

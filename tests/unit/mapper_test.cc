@@ -12,13 +12,6 @@
 namespace splinemap {
 namespace {
 
-template <typename Message>
-std::vector<uint8_t> Encode(const Message& message) {
-  std::vector<uint8_t> bytes(message.getEncodedSize());
-  message.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
-  return bytes;
-}
-
 class MapperTest : public testing::Test {
  protected:
   void Configure(const std::string& scan_flag) {
