@@ -46,8 +46,9 @@ absl::StatusOr<int> Render(const Flags& flags) {
     return kSuccess;
   }
   constexpr int kSide = 1200;
-  const double pixels_per_knot =
-      flags.pixels_per_knot > 0 ? flags.pixels_per_knot : FittingPixelsPerKnot(*loaded.map, kSide);
+  const double pixels_per_knot = flags.pixels_per_knot > 0
+                                     ? flags.pixels_per_knot
+                                     : std::max(1.0, FittingPixelsPerKnot(*loaded.map, kSide));
   SPLINEMAP_ASSIGN_OR_RETURN(const Raster raster, RenderMap(*loaded.map, pixels_per_knot));
   SPLINEMAP_RETURN_IF_ERROR(WritePng(raster, flags.out));
   std::fprintf(stderr, "%s: %d x %d pixels of %.4g m, left %.4g m, top %.4g m\n", flags.out.c_str(),
@@ -73,7 +74,8 @@ void AddRender(CLI::App& app, Command& chosen) {
   command->add_option("OUT.png", flags->out, "Picture to write");
   command
       ->add_option("--px-per-knot", flags->pixels_per_knot,
-                   "Pixels per knot interval each way (default: a picture of about 1,200 pixels)")
+                   "Pixels per knot interval each way (default: for a picture of about 1,200 "
+                   "pixels, at least 1)")
       ->check(CLI::Range(0.01, 64.0));
   command->callback([flags, &chosen] { chosen = [flags] { return Render(*flags); }; });
 }

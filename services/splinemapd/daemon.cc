@@ -52,9 +52,12 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& conf
   SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(MapPath(config)));
   std::unique_ptr<Daemon> daemon(new Daemon(config, std::move(bus), std::move(file)));
   SPLINEMAP_RETURN_IF_ERROR(daemon->OpenMap());
-  daemon->saving_ = std::jthread([d = daemon.get()](std::stop_token s) { d->SaveNowAndThen(s); });
-  daemon->mapping_ = std::jthread([d = daemon.get()](std::stop_token s) { d->MapMessages(s); });
-  daemon->receiving_ = std::jthread([d = daemon.get()](std::stop_token s) { d->Receive(s); });
+  daemon->saving_ =
+      std::jthread([d = daemon.get()](const std::stop_token& s) { d->SaveNowAndThen(s); });
+  daemon->mapping_ =
+      std::jthread([d = daemon.get()](const std::stop_token& s) { d->MapMessages(s); });
+  daemon->receiving_ =
+      std::jthread([d = daemon.get()](const std::stop_token& s) { d->Receive(s); });
   return daemon;
 }
 
@@ -117,7 +120,7 @@ absl::Status Daemon::LoadMap(const std::string& name) {
   return absl::OkStatus();
 }
 
-void Daemon::Receive(std::stop_token stop) {
+void Daemon::Receive(const std::stop_token& stop) {
   bool is_broken = false;
   while (!stop.stop_requested()) {
     const LcmBus::Handled handled = bus_->Handle(kPatience);
@@ -130,7 +133,7 @@ void Daemon::Receive(std::stop_token stop) {
   }
 }
 
-void Daemon::MapMessages(std::stop_token stop) {
+void Daemon::MapMessages(const std::stop_token& stop) {
   auto last_shown = Clock::now();
   bool is_shown = true;
   while (true) {
@@ -190,7 +193,7 @@ void Daemon::ReportProblem(const std::string& text) {
   state_.last_problem = text;
 }
 
-void Daemon::SaveNowAndThen(std::stop_token stop) {
+void Daemon::SaveNowAndThen(const std::stop_token& stop) {
   Mutex sleep_mutex;
   ConditionVariable sleep;
   while (true) {

@@ -63,13 +63,13 @@ class Daemon {
   absl::Status OpenMap();
   absl::Status LoadMap(const std::string& name);
 
-  void Receive(std::stop_token stop);
-  void MapMessages(std::stop_token stop);
+  void Receive(const std::stop_token& stop);
+  void MapMessages(const std::stop_token& stop);
   void MapOne(const IngestedMessage& message);
   void ShowState();
   void ReportProblem(const std::string& text);
   void WarnOfSilence(const status_t& status);
-  void SaveNowAndThen(std::stop_token stop);
+  void SaveNowAndThen(const std::stop_token& stop);
   absl::Status Save();
   status_t Status();
 
