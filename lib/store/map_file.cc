@@ -94,8 +94,7 @@ bool IsUnused(SQLite::Database& database) {
 }
 
 void MakeSchema(SQLite::Database& database) {
-  SQLite::Transaction transaction(database, SQLite::TransactionBehavior::EXCLUSIVE);
-  if (!IsUnused(database)) return;  // another process was faster
+  SQLite::Transaction transaction(database);
   database.exec(kSchema);
   database.exec(fmt::format("PRAGMA application_id = {}", kApplicationId));
   database.exec(fmt::format("PRAGMA user_version = {}", kSchemaVersion));
