@@ -8,7 +8,10 @@ BUILD_PACKAGES=(
   libpng-dev zlib1g-dev nlohmann-json3-dev
 )
 DEMO_PACKAGES=(jq iproute2)
-TEST_PACKAGES=(libgtest-dev jq iproute2 sqlite3)
+TEST_PACKAGES=(
+  libgtest-dev jq iproute2 sqlite3
+  default-jdk liblcm-java libjchart2d-java libxmlgraphics-commons-java libjide-oss-java xvfb xdotool
+)
 
 # install_packages ASSUME_YES PACKAGE..: says which are missing and installs them. With ASSUME_YES=no
 # it asks on a terminal first.

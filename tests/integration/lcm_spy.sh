@@ -1,0 +1,55 @@
+#!/usr/bin/env bash
+# The installed splinemap-spy decodes what the daemon says, on a screen that nobody sees.
+if [[ -z ${LCM_DEFAULT_URL:-} || ${2:-} != inside ]]; then
+  exec "$1/deploy/own_bus.sh" "$0" "$1" inside
+fi
+# shellcheck source=tests/integration/support.sh
+source "$1/tests/integration/support.sh" "$1"
+
+build=$(realpath "$(dirname "$(command -v splinemapd)")/../..")
+if [[ ! -e $build/lcmtypes/splinemap-types.jar ]]; then
+  echo "lcm_spy: skipped, there was no JDK with lcm.jar to build splinemap-types.jar with"
+  exit 0
+fi
+cmake --install "$build" --prefix "$work/installed" > install.log || fail "$(cat install.log)"
+spy=$work/installed/bin/splinemap-spy
+
+expect 0 "$spy" --help
+expect 2 "$spy" --nonsense
+expect 1 env -u DISPLAY "$spy"
+expect_text "DISPLAY is not set" err
+mkdir no_java
+ln -s /usr/bin/{bash,dirname,readlink} no_java
+expect 1 env PATH="$work/no_java" "$spy"
+expect_text "sudo apt-get install default-jre" err
+
+# A type of the user's own.
+cat > mine_t.lcm << 'EOT'
+package mine;
+struct mine_t { int32_t number; }
+EOT
+lcm-gen -j mine_t.lcm
+javac -cp /usr/share/java/lcm.jar mine/mine_t.java
+jar cf mine.jar mine/mine_t.class
+
+Xvfb -displayfd 3 -screen 0 1000x700x24 -nolisten tcp 3> display 2> xvfb.log &
+await test -s display
+DISPLAY=:$(cat display)
+export DISPLAY
+splinemapd --map map.splinemap --scan LASER --pose POSE 2> daemon.log &
+CLASSPATH=$work/mine.jar "$spy" > spy.log 2>&1 &
+spy_pid=$!
+await xdotool search --name '^LCM Spy$'
+types=$(find "$top/lcmtypes" -name '*.lcm' | wc -l)
+await grep -qx "Found $((types + 1)) LCM types" spy.log
+
+# double_click X Y TITLE: until it has opened the window.
+double_click() {
+  # shellcheck disable=SC2016
+  await bash -c 'xdotool search --name "^$3\$" ||
+    { xdotool mousemove "$1" "$2" click --repeat 2 --delay 80 1; sleep 0.5; false; }' _ "$@"
+}
+double_click 60 28 SPLINEMAP_STATUS  # the only row of the table: the only channel
+double_click 60 35 utime             # a chart of a field: the message was decoded
+kill -0 "$spy_pid" || fail "lcm-spy ended: $(cat spy.log)"
+echo "lcm_spy: $types types and the user's own; SPLINEMAP_STATUS is decoded"
