@@ -17,6 +17,7 @@
 #include "lib/store/map_file.h"
 #include "lib/wire/encode.h"
 #include "services/splinemapd/daemon.h"
+#include "tests/support/raw_message.h"
 #include "tests/support/temporary_directory.h"
 
 namespace splinemap {
@@ -41,12 +42,6 @@ size_t Index(Random& random, size_t n) {
 struct Message {
   std::string channel;
   Bytes bytes;
-
-  int getEncodedSize() const { return static_cast<int>(bytes.size()); }
-  int encode(void* buffer, int offset, int) const {
-    std::copy(bytes.begin(), bytes.end(), static_cast<uint8_t*>(buffer) + offset);
-    return getEncodedSize();
-  }
 };
 using Log = std::vector<Message>;
 
@@ -275,7 +270,7 @@ TEST(ReplayPropertyTest, TheDaemonOnABusyMachineMapsTheSame) {
       const BusyMachine busy(Index(random, 4));
       const double pauses = Uniform(random, 0, 0.02);
       for (const Message& message : log) {
-        bus.Publish(message.channel, message);
+        bus.Publish(message.channel, RawMessage{message.bytes});
         if (Chance(random, pauses))
           std::this_thread::sleep_for(microseconds(Index(random, 10'000)));
         if (Chance(random, 0.01)) (*daemon)->PublishStatus();

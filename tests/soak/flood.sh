@@ -1,0 +1,106 @@
+#!/usr/bin/env bash
+# flood.sh [--seconds N] [--rate N] [LOG]: replays a drive at its own speed into splinemapd, with N
+# messages a second beside it that must not change the map, and prints what became of them. Fails where
+# the map is not that of the quiet build and no drop was counted, or where memory grows. Without LOG,
+# a bot_core log, it simulates one. `tests/soak/flood.sh` alone is the full run: 60 s of 20,000/s.
+if [[ -z ${LCM_DEFAULT_URL:-} || ${1:-} != inside ]]; then
+  top=$(cd "$(dirname "$(readlink -f "$0")")/../.." && pwd -P)
+  dev=$top/build/dev
+  command -v flood > /dev/null ||
+    export PATH=$dev/clients/splinemap:$dev/services/splinemapd:$dev/tests:$PATH
+  exec "$top/deploy/own_bus.sh" "$0" inside "$top" "$PWD" "$@"
+fi
+folder=$3
+arguments=("${@:4}")
+# shellcheck source=tests/integration/support.sh
+source "$2/tests/integration/support.sh" "$2"
+
+seconds=60
+rate=20000
+log=
+set -- "${arguments[@]}"
+while (($#)); do
+  case $1 in
+    --seconds) seconds=$2; shift ;;
+    --rate) rate=$2; shift ;;
+    -*) fail "unknown option $1" ;;
+    *) log=$(cd "$folder" && realpath "$1") ;;
+  esac
+  shift
+done
+
+if [[ -z $log ]]; then
+  log=$work/drive.lcmlog
+  world=()  # of some minutes
+  if ((seconds < 30)); then
+    world=(short.world)
+    cat > short.world << 'EOT'
+wall { x0_m: -3 y0_m: -2 x1_m: 5 y1_m: -2 }
+wall { x0_m: 5 y0_m: -2 x1_m: 5 y1_m: 4 }
+wall { x0_m: 5 y0_m: 4 x1_m: -3 y1_m: 2 }
+waypoint { x_m: 0 } waypoint { x_m: 3 y_m: 1 } waypoint { x_m: 3 y_m: 2 } waypoint { x_m: 0 }
+EOT
+  fi
+  splinemap simulate "${world[@]}" "$log" 2> /dev/null
+fi
+inputs=(--scan LASER --pose POSE)
+expect 0 splinemap build "$log" --out quiet.splinemap --name robot "${inputs[@]}"
+
+splinemapd --map live.splinemap --name robot "${inputs[@]}" 2> daemon.log &
+daemon=$!
+await splinemap watch --once --timeout 2
+
+# Datagrams that the kernel dropped because the socket of the process was full.
+socket_drops() {
+  local inodes
+  inodes=$(find "/proc/$1/fd" -lname 'socket:*' -printf '%l\n' | tr -dc '0-9\n')
+  awk 'NR == FNR { ours[$1]; next } $10 in ours { drops += $13 } END { print drops + 0 }' \
+    <(echo "$inodes") "/proc/$1/net/udp"
+}
+memory_kb() { awk '/^VmRSS/ { print $2 }' "/proc/$daemon/status"; }
+
+lcm-logplayer "$log" > player.log &
+player=$!
+flood --seconds "$seconds" --rate "$rate" > flood.json 2> flood.err &
+flood=$!
+while kill -0 "$flood" 2> /dev/null; do
+  sleep 1
+  memory_kb >> memory
+done
+wait "$flood" || fail "$(cat flood.err)"
+wait "$player"
+
+# All was received when nothing more is; meanwhile the queue empties.
+settled() {
+  local before=$received
+  splinemap watch --once --json --timeout 2 > status.json
+  received=$(jq .messages_received status.json)
+  [[ $received == "$before" && $(jq .messages_queued status.json) == 0 ]]
+}
+received=
+for _ in {1..60}; do settled && break; done
+memory_kb >> memory
+lost=$(socket_drops "$daemon")
+kill "$daemon"
+wait "$daemon" || fail "the daemon: $(cat daemon.log)"
+
+messages=$(splinemap doctor "$log" --json "${inputs[@]}" |
+  jq '[.channels[] | select(.name == "LASER" or .name == "POSE") | .messages] | add')
+expected=$((messages + $(jq .sent_to_daemon flood.json)))
+read -r least most < <(tail -n +3 memory | sort -n | sed -n '1p;$p' | xargs)
+overload=$(jq '.dropped.overload // 0' status.json)
+jq -r '"sent \(.sent) messages in \(.seconds) s, \(.sent / .seconds | round) a second: \(.kinds)"' flood.json
+echo "of them and the drive $expected on the daemon's channels: received $received, dropped by overload $overload"
+echo "lost in the daemon's socket (any channel): $lost"
+echo "dropped: $(jq -c .dropped status.json)"
+echo "scans: $(jq -c '[.scans_received, .scans_mapped]' status.json) received and mapped"
+echo "memory after two seconds: $least to $most kB"
+((most - least < 20000)) || fail "memory grows: $(xargs < memory)"
+if splinemap diff live.splinemap quiet.splinemap; then
+  echo "flood: the map is that of the quiet build"
+elif ((overload > 0)); then
+  grep overload daemon.log || fail "drops by overload that were not said: $(cat daemon.log)"
+  echo "flood: messages were dropped, and it was said"
+else
+  fail "another map than that of the quiet build, and the daemon counted no drop that explains it"
+fi
