@@ -4,6 +4,7 @@
 #include <thread>
 
 #include "lib/base/status.h"
+#include "lib/wire/udp_guard.h"
 
 namespace splinemap {
 namespace {
@@ -46,6 +47,7 @@ void LcmBus::Subscribe(const std::string& channel, Handler handler) {
   lcm::Subscription* subscription =
       lcm_.subscribeFunction(Literal(channel), &Forward, handlers_.back().get());
   subscription->setQueueCapacity(kQueueCapacity);
+  if (handlers_.size() == 1) GuardUdpSockets();  // liblcm opened its socket just now
 }
 
 LcmBus::Handled LcmBus::Handle(std::chrono::milliseconds timeout) {

@@ -1,15 +1,16 @@
 // Sends hostile and valid messages beside a replay, none of which may change the map: damaged ones
 // on the scan and pose channels, repeats of what was just heard, late ones, and others' traffic.
+#include <arpa/inet.h>
 #include <fmt/format.h>
+#include <sys/socket.h>
 
 #include <CLI/CLI.hpp>
-#include <atomic>
+#include <bit>
 #include <chrono>
 #include <cmath>
-#include <functional>
+#include <cstdio>
+#include <cstdlib>
 #include <limits>
-#include <map>
-#include <optional>
 #include <random>
 #include <string>
 #include <thread>
@@ -30,6 +31,8 @@ using std::chrono::milliseconds;
 using Random = std::mt19937_64;
 using Bytes = std::vector<uint8_t>;
 
+constexpr uint32_t kWholeMagic = 0x4c433032;
+constexpr uint32_t kFragmentMagic = 0x4c433033;
 constexpr size_t kUtimeAt = 8;  // after the fingerprint, in all types
 constexpr size_t kCountAt = 16;
 constexpr size_t kPositionAt = 16;
@@ -85,7 +88,7 @@ class Newest {
 };
 
 struct Message {
-  std::string channel;
+  std::string channel;  // empty: the bytes are a datagram
   Bytes bytes;
 };
 
@@ -101,6 +104,7 @@ class Source {
         {"truncated", &Source::Truncated},        {"trailing_bytes", &Source::TrailingBytes},
         {"wrong_count", &Source::WrongCount},     {"wrong_type", &Source::WrongType},
         {"wrong_time", &Source::WrongTime},       {"no_pose", &Source::NoPose},
+        {"endless_name", &Source::EndlessName},   {"broken_fragment", &Source::BrokenFragment},
         {"repeated_scan", &Source::RepeatedScan}, {"repeated_pose", &Source::RepeatedPose},
         {"late_scan", &Source::LateScan},         {"late_pose", &Source::LatePose},
         {"other_scan", &Source::OtherScan},       {"other_pose", &Source::OtherPose},
@@ -109,7 +113,7 @@ class Source {
     return kinds;
   }
 
-  // The kind of the next message, hostile and valid ones in equal parts.
+  // The kind of the next message.
   size_t NextKind() { return Index(Kinds().size()); }
 
  private:
@@ -178,6 +182,27 @@ class Source {
     return message;
   }
 
+  // Where another process sends datagrams, bytes of them may be left behind this one's end.
+  Message EndlessName() {
+    Bytes datagram(8);
+    Put(datagram, 0, kWholeMagic);
+    datagram.insert(datagram.end(), flags_.scan.begin(), flags_.scan.end());
+    return {"", std::move(datagram)};
+  }
+  Message BrokenFragment() {
+    constexpr uint32_t kPlaces[] = {0, 1, 5000, 1 << 28, 0xffff'ff00, 0xffff'ffff};
+    Bytes datagram(20);
+    Put(datagram, 0, kFragmentMagic);
+    Put(datagram, 4, static_cast<uint32_t>(Index(3)));
+    Put(datagram, 8, Index(2) == 0 ? uint32_t{10'000} : uint32_t{250'000'000});
+    Put(datagram, 12, kPlaces[Index(std::size(kPlaces))]);
+    Put(datagram, 16, static_cast<uint16_t>(Index(3)));
+    Put(datagram, 18, static_cast<uint16_t>(Index(4)));
+    datagram.insert(datagram.end(), flags_.scan.begin(), flags_.scan.end());
+    if (Index(2) == 0) datagram.resize(500);  // and the name ends
+    return {"", std::move(datagram)};
+  }
+
   Message RepeatedScan() { return Scan(); }
   Message RepeatedPose() { return Pose(); }
   // Older than what is mapped, and not by so much that it is a jump in time.
@@ -214,7 +239,37 @@ class Source {
   Random random_;
 };
 
+// Sends datagrams to the group of LCM_DEFAULT_URL.
+class DatagramSender {
+ public:
+  static absl::StatusOr<DatagramSender> Open() {
+    const char* const url = std::getenv("LCM_DEFAULT_URL");
+    char address[16] = "";
+    unsigned short port = 0;
+    if (url == nullptr || std::sscanf(url, "udpm://%15[0-9.]:%hu", address, &port) != 2) {
+      return InvalidArgument("LCM_DEFAULT_URL is not udpm://ADDRESS:PORT; use deploy/own_bus.sh");
+    }
+    DatagramSender sender;
+    sender.group_.sin_family = AF_INET;
+    sender.group_.sin_port = htons(port);
+    sender.group_.sin_addr.s_addr = inet_addr(address);
+    const int ttl = 0;
+    setsockopt(sender.fd_, IPPROTO_IP, IP_MULTICAST_TTL, &ttl, sizeof(ttl));
+    return sender;
+  }
+
+  void Send(const Bytes& bytes) const {
+    sendto(fd_, bytes.data(), bytes.size(), 0, reinterpret_cast<const sockaddr*>(&group_),
+           sizeof(group_));
+  }
+
+ private:
+  int fd_ = socket(AF_INET, SOCK_DGRAM, 0);  // until the program ends
+  sockaddr_in group_{};
+};
+
 absl::Status Run(const Flags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const DatagramSender datagrams, DatagramSender::Open());
   SPLINEMAP_ASSIGN_OR_RETURN(const std::unique_ptr<LcmBus> ears, LcmBus::Open(""));
   SPLINEMAP_ASSIGN_OR_RETURN(const std::unique_ptr<LcmBus> mouth, LcmBus::Open(""));
   Newest scan;
@@ -248,7 +303,11 @@ absl::Status Run(const Flags& flags) {
     for (; total < due; ++total) {
       const size_t kind = source.NextKind();
       const Message message = (source.*Source::Kinds()[kind].second)();
-      mouth->Publish(message.channel, RawMessage{message.bytes});
+      if (message.channel.empty()) {
+        datagrams.Send(message.bytes);
+      } else {
+        mouth->Publish(message.channel, RawMessage{message.bytes});
+      }
       ++sent[kind];
       inputs += message.channel == flags.scan || message.channel == flags.pose;
     }

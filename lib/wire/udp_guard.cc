@@ -1,0 +1,80 @@
+#include "lib/wire/udp_guard.h"
+
+#include <dirent.h>
+#include <linux/filter.h>
+#include <sys/socket.h>
+
+#include <cstdint>
+#include <cstdlib>
+#include <vector>
+
+namespace splinemap {
+namespace {
+
+// An LCM datagram, all big-endian: magic and sequence number; in fragments then size of the
+// message, place of the fragment in it, number of the fragment and how many there are; then, in the
+// first fragment and in whole messages, the name of the channel and a closing 0.
+constexpr uint32_t kWholeMagic = 0x4c433032;
+constexpr uint32_t kFragmentMagic = 0x4c433033;
+constexpr uint32_t kUdpHeader = 8;  // where filters begin to count
+constexpr uint32_t kMessageSize = kUdpHeader + 8;
+constexpr uint32_t kFragmentPlace = kUdpHeader + 12;
+constexpr uint32_t kFragmentNumber = kUdpHeader + 16;
+constexpr uint32_t kNameOfWhole = kUdpHeader + 8;
+constexpr uint32_t kNameOfFragment = kUdpHeader + 20;
+constexpr uint32_t kMaxName = 63;
+constexpr uint32_t kMaxMessage = 1 << 20;
+
+std::vector<sock_filter> Filter() {
+  const sock_filter accept = BPF_STMT(BPF_RET | BPF_K, UINT32_MAX);
+  const sock_filter refuse = BPF_STMT(BPF_RET | BPF_K, 0);
+  std::vector<sock_filter> filter = {
+      BPF_STMT(BPF_LD | BPF_W | BPF_ABS, kUdpHeader),
+      BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, kWholeMagic, 12, 0),
+      BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, kFragmentMagic, 1, 0),
+      accept,
+      BPF_STMT(BPF_LD | BPF_W | BPF_ABS, kMessageSize),
+      BPF_JUMP(BPF_JMP | BPF_JGT | BPF_K, kMaxMessage, 2, 0),
+      BPF_STMT(BPF_LD | BPF_W | BPF_ABS, kFragmentPlace),
+      BPF_JUMP(BPF_JMP | BPF_JGT | BPF_K, kMaxMessage, 0, 1),
+      refuse,
+      BPF_STMT(BPF_LD | BPF_H | BPF_ABS, kFragmentNumber),
+      BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, 0, 1, 0),
+      accept,
+      BPF_STMT(BPF_LDX | BPF_W | BPF_IMM, kNameOfFragment),
+      BPF_STMT(BPF_JMP | BPF_JA, 1),
+      BPF_STMT(BPF_LDX | BPF_W | BPF_IMM, kNameOfWhole),
+  };
+  // A filter has no loops. Reading beyond the datagram refuses it.
+  for (uint32_t k = 0; k <= kMaxName; ++k) {
+    filter.push_back(BPF_STMT(BPF_LD | BPF_B | BPF_IND, k));
+    filter.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, 0, 0, 1));
+    filter.push_back(accept);
+  }
+  filter.push_back(refuse);
+  return filter;
+}
+
+bool Is(int fd, int option, int value) {
+  int actual = 0;
+  socklen_t size = sizeof(actual);
+  return getsockopt(fd, SOL_SOCKET, option, &actual, &size) == 0 && actual == value;
+}
+
+}  // namespace
+
+void GuardUdpSockets() {
+  DIR* const fds = opendir("/proc/self/fd");  // liblcm does not tell its own
+  if (fds == nullptr) return;
+  std::vector<sock_filter> filter = Filter();
+  const sock_fprog program = {static_cast<unsigned short>(filter.size()), filter.data()};
+  while (const dirent* entry = readdir(fds)) {
+    const int fd = std::atoi(entry->d_name);  // "." and ".." become 0, which is no UDP socket
+    if (Is(fd, SO_DOMAIN, AF_INET) && Is(fd, SO_TYPE, SOCK_DGRAM)) {
+      setsockopt(fd, SOL_SOCKET, SO_ATTACH_FILTER, &program, sizeof(program));
+    }
+  }
+  closedir(fds);
+}
+
+}  // namespace splinemap
