@@ -12,6 +12,7 @@ TEST_PACKAGES=(
   libgtest-dev jq iproute2 sqlite3
   default-jdk liblcm-java libjchart2d-java libxmlgraphics-commons-java libjide-oss-java xvfb xdotool
 )
+FUZZ_PACKAGES=(clang libclang-rt-14-dev)
 
 # install_packages ASSUME_YES PACKAGE..: says which are missing and installs them. With ASSUME_YES=no
 # it asks on a terminal first.

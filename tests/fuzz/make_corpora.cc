@@ -1,0 +1,145 @@
+// Writes the corpora that are not text: fuzz_corpora FOLDER makes FOLDER/TARGET/NAME, synthetic.
+
+#include <zlib.h>
+
+#include <filesystem>
+#include <fstream>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "lcmtypes/michigan/lidar_t.hpp"
+#include "lcmtypes/michigan/pose_xyt_t.hpp"
+#include "lcmtypes/splinemap/status_t.hpp"
+#include "lib/map/tile_update.h"
+#include "lib/wire/encode.h"
+#include "tests/fuzz/fuzz.h"
+#include "tests/support/random_map.h"
+
+namespace splinemap {
+namespace {
+
+class CorpusMaker {
+ public:
+  explicit CorpusMaker(std::string folder) : folder_(std::move(folder)) {}
+
+  void Make() {
+    Messages();
+    Tiles();
+    MapperPrograms();
+    GzippedCarmenLog();
+  }
+
+ private:
+  template <typename Bytes>
+  void Write(const std::string& name, const Bytes& bytes) {
+    const std::filesystem::path path = folder_ + "/" + name;
+    std::filesystem::create_directories(path.parent_path());
+    std::ofstream(path, std::ios::binary)
+        .write(reinterpret_cast<const char*>(bytes.data()), std::ssize(bytes));
+  }
+
+  // As message.cc takes them: a byte of options and no fingerprint.
+  template <typename Message>
+  void WriteMessage(const std::string& name, uint8_t options, const Message& message) {
+    std::vector<uint8_t> bytes = Encode(message);
+    bytes.erase(bytes.begin(), bytes.begin() + 7);
+    bytes[0] = options;
+    Write(name, bytes);
+  }
+
+  void Messages() {
+    const Utime utime = std::chrono::seconds(1);
+    WriteMessage("planar_lidar/five_beams", 0x55,
+                 PlanarLidarMessage(utime, {0, 0.5, 1, 20, 1e9F}, -1, 0.5));
+    WriteMessage("planar_lidar/no_beam", 0x2a, PlanarLidarMessage(utime, {}, 0, 0));
+    WriteMessage("pose/turned", 0, PoseMessage({utime, {{1, -2}, 0.7}}));
+
+    michigan::lidar_t lidar{};
+    lidar.utime = utime.count();
+    WriteMessage("michigan_lidar/no_beam", 0, lidar);
+    lidar.num_ranges = 3;
+    lidar.ranges = {1, 2, 0};
+    lidar.thetas = {0, 1, 2};
+    lidar.times = {1'000'000, 1'050'000, 1'100'000};
+    lidar.intensities = {0, 1, 2};
+    WriteMessage("michigan_lidar/three_beams", 0xff, lidar);
+    WriteMessage("michigan_lidar/three_beams_no_times", 0x04, lidar);
+
+    michigan::pose_xyt_t pose{};
+    pose.utime = utime.count();
+    pose.x = 1;
+    pose.theta = -3;
+    WriteMessage("michigan_pose/turned", 0, pose);
+
+    status_t status{};
+    status.utime = utime.count();
+    status.name = "robot";
+    status.num_drop_reasons = 2;
+    status.drop_reasons = {"late_scan", "overload"};
+    status.drop_counts = {1, 2};
+    WriteMessage("status/two_reasons", 0, status);
+  }
+
+  void Tiles() {
+    std::mt19937_64 random(1);
+    Tile tile;
+    Write("tile/zeros", EncodeTile(tile));
+    for (int k = 0; k < Tile::kSize; k += 7) tile.control_points[k] = static_cast<ControlPoint>(k);
+    Write("tile/steps", EncodeTile(tile));
+    tile.control_points[0] = -25'600;
+    Write("tile/short", EncodeTile(tile).substr(0, 30));
+    Write("tile/random", EncodeTile(RandomTile(random)));
+  }
+
+  // Bytes as mapper.cc reads them: channel, kind, step of time, then numbers.
+  void MapperPrograms() {
+    const auto pose = [](uint8_t step, uint8_t x) {
+      return std::vector<uint8_t>{0, 0, step, x, 4, 1};
+    };
+    const auto scan = [](uint8_t channel, uint8_t step) {
+      return std::vector<uint8_t>{channel, 2, step, 5, 4, 8, 0, 20, 80, 252, 2};
+    };
+    const auto michigan_scan = [](uint8_t channel, uint8_t step) {
+      return std::vector<uint8_t>{channel, 3, step, 3, 4, 0, 0, 8, 1, 1, 12, 2, 1};
+    };
+    std::vector<uint8_t> program;
+    const auto add = [&](const std::vector<uint8_t>& message) {
+      program.insert(program.end(), message.begin(), message.end());
+    };
+    for (uint8_t k = 0; k < 8; ++k) {
+      add(pose(5, k));
+      add(scan(k % 2 == 0 ? 1 : 2, 2));
+      add(michigan_scan(k % 2 == 0 ? 3 : 4, 3));
+    }
+    Write("mapper/drive", program);
+    add(pose(static_cast<uint8_t>(-127), 1));  // time goes back
+    add(pose(static_cast<uint8_t>(-127), 2));
+    for (uint8_t k = 0; k < 4; ++k) {
+      add(scan(1, 1));
+      add(pose(2, k));
+    }
+    add({255, 5, 0, 4, 1, 2, 3, 4});  // raw bytes, and a flush
+    Write("mapper/rewound", program);
+  }
+
+  void GzippedCarmenLog() {
+    const std::string path = folder_ + "/carmen_log/gzip";
+    std::filesystem::create_directories(folder_ + "/carmen_log");
+    const gzFile file = gzopen(path.c_str(), "wb9");
+    for (int k = 0; k < 3; ++k) {
+      gzprintf(file, "FLASER 4 1 1.5 2 81.9 0.%d 0 0 0 0 0 %d.5 host %d.5\n", k, k, k);
+    }
+    Require(gzclose(file) == Z_OK, "a gzip file is written");
+  }
+
+  std::string folder_;
+};
+
+}  // namespace
+}  // namespace splinemap
+
+int main(int argc, char** argv) {
+  splinemap::Require(argc == 2, "usage: fuzz_corpora FOLDER");
+  splinemap::CorpusMaker(argv[1]).Make();
+}

@@ -1,0 +1,63 @@
+// A message of one type, FUZZ_TYPE, decoded and made ready as on a scan channel. The input is a
+// byte that chooses sensor options, then the message after its fingerprint.
+
+#include <vector>
+
+#include "lcmtypes/bot_core/planar_lidar_t.hpp"
+#include "lcmtypes/bot_core/pose_t.hpp"
+#include "lcmtypes/michigan/lidar_t.hpp"
+#include "lcmtypes/michigan/pose_xyt_t.hpp"
+#include "lcmtypes/splinemap/status_t.hpp"
+#include "lib/wire/decode.h"
+#include "tests/fuzz/fuzz.h"
+
+namespace splinemap {
+namespace {
+
+SensorOptions OptionsOf(uint8_t choice) {
+  SensorOptions options;
+  options.bearing_sign = (choice & 1) != 0 ? 1 : -1;
+  options.use_beam_times = (choice & 2) != 0;
+  options.no_return_is_free = (choice & 4) != 0;
+  options.scan_duration = std::chrono::milliseconds((choice & 8) != 0 ? 2000 : -2000);
+  options.time_offset = std::chrono::milliseconds((choice & 16) != 0 ? 10'000 : -10'000);
+  options.range_min_m = (choice & 32) != 0 ? 0 : 10;
+  options.range_max_m = (choice & 64) != 0 ? 20 : 1000;
+  return options;
+}
+
+std::vector<uint8_t> MessageOf(absl::Span<const uint8_t> fields) {
+  const auto fingerprint = static_cast<uint64_t>(FUZZ_TYPE::getHash());
+  std::vector<uint8_t> message;
+  for (int shift = 56; shift >= 0; shift -= 8) {
+    message.push_back(static_cast<uint8_t>(fingerprint >> shift));
+  }
+  message.insert(message.end(), fields.begin(), fields.end());
+  return message;
+}
+
+void Run(FuzzInput input) {
+  const SensorOptions options = OptionsOf(input.Byte());
+  const std::vector<uint8_t> message = MessageOf(input.Rest());
+  DecodePose(message).status().IgnoreError();
+  DecodeStatus(message).status().IgnoreError();
+  const absl::StatusOr<RangeReadings> readings = DecodeScan(message);
+  if (!readings.ok()) return;
+  const absl::StatusOr<Scan> scan = PrepareScan(*readings, options, 0);
+  if (!scan.ok()) return;
+  for (const Beam& beam : scan->beams) {
+    Require(std::isfinite(beam.range_m) && std::isfinite(beam.bearing_rad), "beams are finite");
+    Require(beam.range_m >= 0 && beam.range_m <= static_cast<float>(options.range_max_m),
+            "beams are within the range limits");
+    Require(scan->first_beam <= beam.time_offset && beam.time_offset <= scan->last_beam,
+            "beams are between the first and the last");
+  }
+}
+
+}  // namespace
+}  // namespace splinemap
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+  splinemap::Run({data, size});
+  return 0;
+}
