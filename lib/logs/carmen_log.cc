@@ -1,18 +1,13 @@
 #include "lib/logs/carmen_log.h"
 
-#include <zlib.h>
-
-#include <cerrno>
+#include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <filesystem>
-#include <memory>
 #include <numbers>
 #include <optional>
-#include <type_traits>
 
 #include "absl/strings/numbers.h"
 #include "lib/base/status.h"
+#include "lib/logs/gz_file.h"
 
 namespace splinemap {
 namespace {
@@ -120,41 +115,17 @@ std::optional<CarmenScan> ParseRobotLaser(std::string_view text) {
   return Checked(std::move(scan), line);
 }
 
-struct GzCloser {
-  void operator()(gzFile file) const { gzclose(file); }
-};
-using GzFile = std::unique_ptr<std::remove_pointer_t<gzFile>, GzCloser>;
-
-// Appends the next line without its end to the emptied `line`; false at the end of the file.
-bool ReadLine(gzFile file, std::string& line) {
-  line.clear();
-  char buffer[1 << 14];
-  while (gzgets(file, buffer, sizeof buffer) != nullptr) {
-    line += buffer;
-    if (line.ends_with('\n')) return true;
-    if (line.size() > (1 << 20)) return true;  // no CARMEN line; what follows is read as another
-  }
-  return !line.empty();
-}
-
 }  // namespace
 
 absl::StatusOr<CarmenLog> ReadCarmenLog(const std::string& path,
                                         absl::FunctionRef<void(double)> progress) {
-  std::error_code error;
-  const auto file_bytes = static_cast<double>(std::filesystem::file_size(path, error));
-  if (error) return NotFound("cannot read {}: {}", path, error.message());
-  GzFile file(gzopen(path.c_str(), "rb"));
-  if (!file) return NotFound("cannot read {}: {}", path, std::strerror(errno));
-
+  SPLINEMAP_ASSIGN_OR_RETURN(GzFile file, GzFile::Open(path));
   CarmenLog flaser;
   CarmenLog robot_laser;
   std::string line;
   int64_t line_number = 0;
-  while (ReadLine(file.get(), line)) {
-    if (++line_number % 256 == 1) {
-      progress(static_cast<double>(gzoffset(file.get())) / std::max(file_bytes, 1.0));
-    }
+  while (file.ReadLine(line)) {
+    if (++line_number % 256 == 1) progress(file.ShareRead());
     CarmenLog* log = line.starts_with("FLASER ")        ? &flaser
                      : line.starts_with("ROBOTLASER1 ") ? &robot_laser
                                                         : nullptr;
@@ -167,9 +138,7 @@ absl::StatusOr<CarmenLog> ReadCarmenLog(const std::string& path,
     }
   }
   CarmenLog& log = flaser.scans.empty() ? robot_laser : flaser;
-  int code = Z_OK;
-  gzerror(file.get(), &code);
-  log.ends_early = code != Z_OK && code != Z_STREAM_END;
+  log.ends_early = !file.status().ok();
   if (log.scans.empty()) {
     return InvalidArgument("{} has no FLASER or ROBOTLASER1 line that can be read in {} lines",
                            path, line_number);

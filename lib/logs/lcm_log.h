@@ -20,10 +20,11 @@ struct LogEvent {
   absl::Span<const uint8_t> message;
 };
 
-// Visits the events of a log in the order of the file. `progress` is called now and then with the
-// share of the file that was read, 0 .. 1. InvalidArgument for a file that does not begin as an LCM
-// log; DataLoss for one that ends early or has a broken event, after the events before were
-// visited.
+// Visits the events of a log, plain or gzip, in the order of the file. Where the log is damaged it
+// goes on at the next event that can be read. `progress` is called now and then with the share of
+// the file that was read, 0 .. 1. Errors, after all that could be read was visited: DataLoss with
+// what was skipped and where, or that the log ends within an event; InvalidArgument for a file that
+// has no event.
 absl::Status ReadLcmLog(const std::string& path, absl::FunctionRef<void(const LogEvent&)> visit,
                         absl::FunctionRef<void(double)> progress);
 

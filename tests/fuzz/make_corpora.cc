@@ -4,6 +4,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <random>
 #include <string>
 #include <vector>
@@ -11,6 +12,7 @@
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
+#include "lib/logs/lcm_log.h"
 #include "lib/map/tile_update.h"
 #include "lib/wire/encode.h"
 #include "tests/fuzz/fuzz.h"
@@ -28,6 +30,7 @@ class CorpusMaker {
     Tiles();
     MapperPrograms();
     GzippedCarmenLog();
+    LcmLogs();
   }
 
  private:
@@ -131,6 +134,25 @@ class CorpusMaker {
       gzprintf(file, "FLASER 4 1 1.5 2 81.9 0.%d 0 0 0 0 0 %d.5 host %d.5\n", k, k, k);
     }
     Require(gzclose(file) == Z_OK, "a gzip file is written");
+  }
+
+  void LcmLogs() {
+    std::filesystem::create_directories(folder_ + "/lcm_log");
+    const std::string path = folder_ + "/lcm_log/plain";
+    auto writer = LcmLogWriter::Create(path);
+    for (int k = 0; k < 3; ++k) {
+      std::vector<uint8_t> message(static_cast<size_t>(4 * k), 0xED);
+      Require(writer->WriteBytes(Utime(k), "POSE", message).ok(), "an event is written");
+    }
+    Require(writer->Close().ok(), "a log is written");
+    std::ifstream in(path, std::ios::binary);
+    std::string log(std::istreambuf_iterator<char>(in), {});
+    const gzFile file = gzopen((folder_ + "/lcm_log/gzip").c_str(), "wb9");
+    gzwrite(file, log.data(), static_cast<unsigned>(log.size()));
+    Require(gzclose(file) == Z_OK, "a gzip file is written");
+    log[32] = 0;  // the sync word of the second event
+    Write("lcm_log/damaged", log);
+    Write("lcm_log/cut", log.substr(0, log.size() - 5));
   }
 
   std::string folder_;
