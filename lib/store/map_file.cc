@@ -8,60 +8,51 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <chrono>
-#include <cmath>
 #include <cstring>
 #include <filesystem>
-#include <limits>
 #include <utility>
 
 #include "lib/base/status.h"
-#include "lib/map/tile_update.h"
-#include "lib/store/records.pb.h"
 
 namespace splinemap {
 namespace {
 
-constexpr int kApplicationId = 0x53504c4d;  // "SPLM"
-constexpr int kSchemaVersion = 1;
 constexpr int kBusyTimeoutMs = 5000;
-
-constexpr const char* kSchema = R"(
-  CREATE TABLE map (
-    id INTEGER PRIMARY KEY CHECK (id = 1),
-    record BLOB NOT NULL
-  ) STRICT;
-  CREATE TABLE layer (
-    id INTEGER PRIMARY KEY,
-    name TEXT NOT NULL,
-    origin INTEGER NOT NULL,
-    record BLOB NOT NULL,
-    UNIQUE (name, origin)
-  ) STRICT;
-  CREATE TABLE tile (
-    layer INTEGER NOT NULL REFERENCES layer (id),
-    tx INTEGER NOT NULL,
-    ty INTEGER NOT NULL,
-    revision INTEGER NOT NULL,
-    checksum INTEGER NOT NULL,
-    content BLOB NOT NULL,
-    PRIMARY KEY (layer, tx, ty)
-  ) STRICT;
-)";
-
-// SQLite's integers are signed.
-int64_t ToSql(uint64_t value) { return static_cast<int64_t>(value); }
-uint64_t FromSql(int64_t value) { return static_cast<uint64_t>(value); }
+constexpr int kMaxRowBytes = 1 << 20;
 
 absl::Status ToStatus(const std::string& path, const SQLite::Exception& exception) {
   switch (exception.getErrorCode()) {
     case SQLITE_NOTADB:
       return InvalidArgument("{} is no map file: it is no SQLite database", path);
     case SQLITE_CORRUPT:
-      return DataLoss("{} is damaged: {}", path, exception.what());
+    case SQLITE_TOOBIG:
+      return DataLoss(
+          "{} is damaged: {}; what is left of it may come out with: sqlite3 {} .recover | sqlite3 "
+          "rescued.splinemap",
+          path, exception.what(), path);
+    case SQLITE_FULL:
+      return Unavailable("cannot write {}: the disk is full", path);
+    case SQLITE_READONLY:
+      return Unavailable("cannot write {}: it or its folder is read-only", path);
+    case SQLITE_CANTOPEN:
+      return Unavailable(
+          "cannot open {} with the files beside it (-wal, -shm): {}; where the folder is "
+          "read-only, copy the map to another",
+          path, std::strerror(errno));
+    case SQLITE_BUSY:
+      return Unavailable("{} is in use by another process", path);
     default:
       return Unavailable("{}: {}", path, exception.what());
   }
+}
+
+std::unique_ptr<SQLite::Database> Connect(const std::string& path, int flags) {
+  auto database = std::make_unique<SQLite::Database>(path, flags, kBusyTimeoutMs);
+  // A file may come from anywhere.
+  database->exec("PRAGMA trusted_schema = OFF");
+  database->exec("PRAGMA cell_size_check = ON");
+  sqlite3_limit(database->getHandle(), SQLITE_LIMIT_LENGTH, kMaxRowBytes);
+  return database;
 }
 
 // Runs `work`, which may throw what SQLiteCpp throws, and returns its status.
@@ -72,52 +63,6 @@ auto WithStatus(const std::string& path, Work work) -> decltype(work()) {
   } catch (const SQLite::Exception& exception) {
     return ToStatus(path, exception);
   }
-}
-
-absl::Status CheckHeader(const std::string& path, SQLite::Database& database) {
-  const int application_id = database.execAndGet("PRAGMA application_id").getInt();
-  const int version = database.execAndGet("PRAGMA user_version").getInt();
-  if (application_id != kApplicationId) {
-    return InvalidArgument("{} is no map file: it is a database of another program", path);
-  }
-  if (version > kSchemaVersion) {
-    return FailedPrecondition(
-        "{} has schema {}; this program knows up to {}: it was made by a newer one", path, version,
-        kSchemaVersion);
-  }
-  return absl::OkStatus();
-}
-
-bool IsUnused(SQLite::Database& database) {
-  return database.execAndGet("SELECT count(*) FROM sqlite_master").getInt() == 0 &&
-         database.execAndGet("PRAGMA application_id").getInt() == 0;
-}
-
-void MakeSchema(SQLite::Database& database) {
-  SQLite::Transaction transaction(database);
-  database.exec(kSchema);
-  database.exec(fmt::format("PRAGMA application_id = {}", kApplicationId));
-  database.exec(fmt::format("PRAGMA user_version = {}", kSchemaVersion));
-  transaction.commit();
-}
-
-bool IsPlausible(const store::MapRecord& record) {
-  constexpr int kMin = std::numeric_limits<ControlPoint>::min();
-  constexpr int kMax = std::numeric_limits<ControlPoint>::max();
-  return record.knot_interval_m() > 0 && std::isfinite(record.knot_interval_m()) &&
-         record.clamp_min() >= kMin && record.clamp_min() < 0 && record.clamp_max() > 0 &&
-         record.clamp_max() <= kMax;
-}
-
-bool IsPlausible(const store::LayerRecord& record) {
-  constexpr uint64_t kMax = uint64_t{1} << 62;  // leaves room to count on
-  return record.incarnation() < kMax && record.revision() < kMax;
-}
-
-int64_t HostUtime() {
-  return std::chrono::duration_cast<std::chrono::microseconds>(
-             std::chrono::system_clock::now().time_since_epoch())
-      .count();
 }
 
 }  // namespace
@@ -181,10 +126,9 @@ absl::Status MapFile::Close() {
 absl::StatusOr<MapFile> MapFile::Open(const std::string& path) {
   return WithStatus(path, [&]() -> absl::StatusOr<MapFile> {
     SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<Lock> lock, Lock::Take(path));
-    auto database = std::make_unique<SQLite::Database>(
-        path, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE, kBusyTimeoutMs);
+    auto database = Connect(path, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE);
     if (IsUnused(*database)) MakeSchema(*database);
-    SPLINEMAP_RETURN_IF_ERROR(CheckHeader(path, *database));
+    SPLINEMAP_RETURN_IF_ERROR(CheckSchema(path, *database));
     database->exec("PRAGMA journal_mode = WAL");
     database->exec("PRAGMA synchronous = FULL");
     return MapFile(path, std::move(lock), std::move(database));
@@ -193,159 +137,56 @@ absl::StatusOr<MapFile> MapFile::Open(const std::string& path) {
 
 absl::StatusOr<MapFile> MapFile::OpenReadOnly(const std::string& path) {
   std::error_code error;
-  if (!std::filesystem::exists(path, error)) return NotFound("there is no file {}", path);
+  if (!std::filesystem::exists(path, error)) {
+    return NotFound("there is no file {}", path);
+  }
   if (!std::filesystem::is_regular_file(path, error)) {
-    return InvalidArgument("{} is no map file: it is no file at all", path);
+    return InvalidArgument("{} is no map file: it is {}", path,
+                           std::filesystem::is_directory(path, error) ? "a folder" : "no file");
+  }
+  if (access(path.c_str(), R_OK) != 0) {
+    return Unavailable("cannot read {}: {}", path, std::strerror(errno));
   }
   return WithStatus(path, [&]() -> absl::StatusOr<MapFile> {
-    auto database = std::make_unique<SQLite::Database>(path, SQLite::OPEN_READONLY, kBusyTimeoutMs);
+    auto database = Connect(path, SQLite::OPEN_READONLY);
     if (IsUnused(*database)) return NotFound("{} holds no map yet", path);
-    SPLINEMAP_RETURN_IF_ERROR(CheckHeader(path, *database));
+    SPLINEMAP_RETURN_IF_ERROR(CheckSchema(path, *database));
     return MapFile(path, nullptr, std::move(database));
   });
 }
 
 absl::StatusOr<bool> MapFile::IsEmpty() {
-  return WithStatus(path_, [&]() -> absl::StatusOr<bool> {
-    return database_->execAndGet("SELECT count(*) FROM map").getInt() == 0;
-  });
-}
-
-uint64_t MapFile::SavedTreeEpoch(const LayerId& id) const {
-  for (const SavedLayer& layer : saved_) {
-    if (layer.id == id) return layer.tree_epoch;
-  }
-  return 0;
+  return WithStatus(path_, [&]() -> absl::StatusOr<bool> { return !HasMap(*database_); });
 }
 
 absl::StatusOr<LoadedMap> MapFile::Load() {
-  return WithStatus(path_, [&] { return LoadUnchecked(); });
-}
-
-absl::StatusOr<LoadedMap> MapFile::LoadUnchecked() {
-  SQLite::Transaction transaction(*database_);  // one state, though another process may write
-  SQLite::Statement map_query(*database_, "SELECT record FROM map");
-  if (!map_query.executeStep()) return NotFound("{} holds no map yet", path_);
-  store::MapRecord map_record;
-  if (!map_record.ParseFromString(map_query.getColumn(0).getString()) || !IsPlausible(map_record)) {
-    return DataLoss("{} is damaged: its map record cannot be read", path_);
-  }
-  Map map({map_record.knot_interval_m(),
-           {static_cast<ControlPoint>(map_record.clamp_min()),
-            static_cast<ControlPoint>(map_record.clamp_max())}});
-  LoadedMap loaded;
-
-  SQLite::Statement layers(*database_, "SELECT id, record FROM layer ORDER BY id");
-  SQLite::Statement tiles(*database_,
-                          "SELECT tx, ty, revision, checksum, content FROM tile WHERE layer = ?");
-  while (layers.executeStep()) {
-    store::LayerRecord record;
-    if (!record.ParseFromString(layers.getColumn(1).getString()) || !IsPlausible(record)) {
-      return DataLoss("{} is damaged: the record of a layer cannot be read", path_);
-    }
-    Layer& layer =
-        map.AddLayer({record.name(), record.origin()}, {record.incarnation(), record.nonce()});
-    layer.RestoreRevision(record.revision());
-    tiles.reset();
-    tiles.bind(1, layers.getColumn(0).getInt64());
-    while (tiles.executeStep()) {
-      const TileUpdate update{{tiles.getColumn(0).getInt(), tiles.getColumn(1).getInt()},
-                              FromSql(tiles.getColumn(2).getInt64()),
-                              tiles.getColumn(4).getString(),
-                              FromSql(tiles.getColumn(3).getInt64())};
-      const bool is_plausible =
-          IsInRange(update.key) && update.revision > 0 && update.revision <= record.revision();
-      const absl::StatusOr<Tile> tile =
-          is_plausible ? TileOfUpdate(update)
-                       : DataLoss("tile ({}, {}) of revision {} cannot be", update.key.tx,
-                                  update.key.ty, update.revision);
-      if (tile.ok()) {
-        layer.RestoreTile(update.key, std::make_shared<const Tile>(*tile), update.revision);
-      } else {
-        loaded.damages.push_back(
-            fmt::format("{}: layer {}: {}", path_, record.name(), ErrorText(tile.status())));
-      }
-    }
-  }
-  loaded.map = map.Snapshot();
-  saved_.clear();
-  for (const LayerSnapshot& layer : loaded.map->layers) {
-    saved_.push_back({layer.id, layer.tiles.epoch()});
-  }
-  return loaded;
+  return WithStatus(path_, [&]() -> absl::StatusOr<LoadedMap> {
+    SQLite::Transaction transaction(*database_);  // one state, though another process may write
+    SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadMap(path_, *database_));
+    // The next save of a damaged map writes it whole, and so mends it.
+    saved_ = loaded.damages.empty() ? SavedLayersOf(*loaded.map) : std::vector<SavedLayer>();
+    return loaded;
+  });
 }
 
 absl::Status MapFile::Save(const MapSnapshot& snapshot) {
-  return WithStatus(path_, [&] { return SaveUnchecked(snapshot); });
-}
-
-absl::Status MapFile::SaveUnchecked(const MapSnapshot& snapshot) {
-  SPLINEMAP_RETURN_IF_ERROR(CheckStillThere());
-  SQLite::Transaction transaction(*database_, SQLite::TransactionBehavior::IMMEDIATE);
-  store::MapRecord record;
-  record.set_knot_interval_m(snapshot.options.knot_interval_m);
-  record.set_clamp_min(snapshot.options.limits.min);
-  record.set_clamp_max(snapshot.options.limits.max);
-  const std::string record_bytes = record.SerializeAsString();
-  SQLite::Statement put_map(*database_, "INSERT OR REPLACE INTO map (id, record) VALUES (1, ?)");
-  put_map.bind(1, record_bytes.data(), static_cast<int>(record_bytes.size()));
-  put_map.exec();
-
-  SQLite::Statement put_tile(*database_,
-                             "INSERT OR REPLACE INTO tile (layer, tx, ty, revision, checksum, "
-                             "content) VALUES (?, ?, ?, ?, ?, ?)");
-  for (const LayerSnapshot& layer : snapshot.layers) {
-    put_tile.bind(1, SaveLayerRecord(layer));
-    layer.tiles.ForEachChanged(
-        SavedTreeEpoch(layer.id), [&](TileKey key, const TileTree::Entry& entry) {
-          const TileUpdate update = MakeTileUpdate(key, *entry.tile, entry.revision);
-          put_tile.bind(2, update.key.tx);
-          put_tile.bind(3, update.key.ty);
-          put_tile.bind(4, ToSql(update.revision));
-          put_tile.bind(5, ToSql(update.checksum));
-          put_tile.bind(6, update.content.data(), static_cast<int>(update.content.size()));
-          put_tile.exec();
-          put_tile.reset();
-        });
-  }
-  transaction.commit();
-  // So that a copy of the one file has all. Waits for nobody: what readers hold up comes with the
-  // next.
-  sqlite3_wal_checkpoint_v2(database_->getHandle(), nullptr, SQLITE_CHECKPOINT_PASSIVE, nullptr,
-                            nullptr);
-  saved_.clear();
-  for (const LayerSnapshot& layer : snapshot.layers) {
-    saved_.push_back({layer.id, layer.tiles.epoch()});
-  }
-  return absl::OkStatus();
+  return WithStatus(path_, [&]() -> absl::Status {
+    SPLINEMAP_RETURN_IF_ERROR(CheckStillThere());
+    SQLite::Transaction transaction(*database_, SQLite::TransactionBehavior::IMMEDIATE);
+    WriteMap(snapshot, saved_, *database_);
+    transaction.commit();
+    // So that a copy of the one file has all. Waits for nobody: what readers hold up comes with the
+    // next.
+    sqlite3_wal_checkpoint_v2(database_->getHandle(), nullptr, SQLITE_CHECKPOINT_PASSIVE, nullptr,
+                              nullptr);
+    saved_ = SavedLayersOf(snapshot);
+    return absl::OkStatus();
+  });
 }
 
 absl::Status MapFile::CheckStillThere() const {
   if (lock_ != nullptr && lock_->Holds(path_)) return absl::OkStatus();
   return FailedPrecondition("{} was deleted or replaced while it was in use", path_);
-}
-
-int64_t MapFile::SaveLayerRecord(const LayerSnapshot& layer) {
-  store::LayerRecord record;
-  record.set_name(layer.id.name);
-  record.set_origin(layer.id.origin);
-  record.set_incarnation(layer.epoch.incarnation);
-  record.set_nonce(layer.epoch.nonce);
-  record.set_revision(layer.revision);
-  record.set_saved_utime(HostUtime());
-  const std::string bytes = record.SerializeAsString();
-  SQLite::Statement put(*database_,
-                        "INSERT INTO layer (name, origin, record) VALUES (?, ?, ?) "
-                        "ON CONFLICT (name, origin) DO UPDATE SET record = excluded.record "
-                        "RETURNING id");
-  put.bind(1, layer.id.name);
-  put.bind(2, ToSql(layer.id.origin));
-  put.bind(3, bytes.data(), static_cast<int>(bytes.size()));
-  put.executeStep();
-  const int64_t id = put.getColumn(0).getInt64();
-  while (put.executeStep()) {
-  }
-  return id;
 }
 
 absl::StatusOr<LoadedMap> ReadMapFile(const std::string& path) {

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
@@ -8,18 +7,13 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "lib/map/map.h"
+#include "lib/store/map_records.h"
 
 namespace SQLite {
 class Database;
 }
 
 namespace splinemap {
-
-struct LoadedMap {
-  std::shared_ptr<const MapSnapshot> map;
-  // Tiles that were damaged and left out, a line each.
-  std::vector<std::string> damages;
-};
 
 // A map in a SQLite database, by convention NAME.splinemap: the record of the map, one per layer,
 // one row per tile (README.md here shows the schema). Each Save() is one transaction, so that a
@@ -41,12 +35,13 @@ class MapFile {
   // True where nothing was saved yet.
   absl::StatusOr<bool> IsEmpty();
 
-  // The last save. Requires !IsEmpty(). DataLoss where a record is damaged.
+  // The last save. NotFound where nothing was saved yet; DataLoss where a record is damaged.
   absl::StatusOr<LoadedMap> Load();
 
   // Writes what changed since the last save of this object or its Load(); all of it the first time.
-  // Requires equal map options and the same layers or more. FailedPrecondition where another
-  // process saved the same layer meanwhile. After a failure the file is as it was.
+  // Requires equal map options and the same layers or more. After a failure (the disk is full, the
+  // file was deleted or replaced) the file is as it was, and the next save writes what this one did
+  // not.
   absl::Status Save(const MapSnapshot& snapshot);
 
   // Brings everything into the one file; every later call fails. The destructor does the same and
@@ -54,20 +49,10 @@ class MapFile {
   absl::Status Close();
 
  private:
-  // What the file holds of a layer.
-  struct SavedLayer {
-    LayerId id;
-    uint64_t tree_epoch = 0;  // of the tiles
-  };
-
   class Lock;
 
   MapFile(std::string path, std::unique_ptr<Lock> lock, std::unique_ptr<SQLite::Database> database);
-  uint64_t SavedTreeEpoch(const LayerId& id) const;
   absl::Status CheckStillThere() const;
-  int64_t SaveLayerRecord(const LayerSnapshot& layer);
-  absl::StatusOr<LoadedMap> LoadUnchecked();
-  absl::Status SaveUnchecked(const MapSnapshot& snapshot);
 
   std::string path_;
   std::unique_ptr<Lock> lock_;  // of a writer; outlives database_

@@ -1,5 +1,6 @@
 // Writes the corpora that are not text: fuzz_corpora FOLDER makes FOLDER/TARGET/NAME, synthetic.
 
+#include <SQLiteCpp/SQLiteCpp.h>
 #include <zlib.h>
 
 #include <filesystem>
@@ -14,6 +15,7 @@
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/logs/lcm_log.h"
 #include "lib/map/tile_update.h"
+#include "lib/store/map_file.h"
 #include "lib/wire/encode.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/support/random_map.h"
@@ -31,6 +33,8 @@ class CorpusMaker {
     MapperPrograms();
     GzippedCarmenLog();
     LcmLogs();
+    MapRecordPrograms();
+    MapFiles();
   }
 
  private:
@@ -153,6 +157,43 @@ class CorpusMaker {
     log[32] = 0;  // the sync word of the second event
     Write("lcm_log/damaged", log);
     Write("lcm_log/cut", log.substr(0, log.size() - 5));
+  }
+
+  // Bytes as map_records.cc reads them: a map of one layer "b" with two tiles, one of them twice.
+  void MapRecordPrograms() {
+    std::vector<uint8_t> program{0, 1, 100, 0, 100, 1};
+    const std::vector<uint8_t> layer{2, 1, 1, 1, 1, 2, 1, 1};
+    program.insert(program.end(), layer.begin(), layer.end());
+    for (const uint8_t key : std::vector<uint8_t>{2, 7, 7}) {
+      const std::vector<uint8_t> tile{4, 1, key, 1, key};
+      program.insert(program.end(), tile.begin(), tile.end());
+    }
+    Write("map_records/two_tiles", program);
+    const std::vector<uint8_t> raw_tile{5, 1, 1, 2, 3, 4, 5, 6, 7, 8, 9, 3, 1, 2, 3};
+    program.insert(program.end(), raw_tile.begin(), raw_tile.end());
+    Write("map_records/raw_tile", program);
+  }
+
+  void MapFiles() {
+    std::filesystem::create_directories(folder_ + "/map_file");
+    const std::string path = folder_ + "/map_file/two_layers";
+    std::filesystem::remove(path);
+    {
+      SQLite::Database database(path, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE);
+      database.exec("PRAGMA page_size = 512");  // a small file
+      MakeSchema(database);
+    }
+    Map map({});
+    for (const uint64_t origin : {1, 2}) {
+      Layer& layer = map.AddLayer({"robot", origin}, {1, 1});
+      layer.BeginCommit();
+      for (int tx = -1; tx < 2; ++tx) layer.EditTile({tx, 5}).control_points.fill(300);
+    }
+    auto file = MapFile::Open(path);
+    Require(file.ok() && file->Save(*map.Snapshot()).ok() && file->Close().ok(), "a map is saved");
+    std::ifstream in(path, std::ios::binary);
+    const std::string bytes(std::istreambuf_iterator<char>(in), {});
+    Write("map_file/cut", bytes.substr(0, bytes.size() / 2));
   }
 
   std::string folder_;

@@ -8,9 +8,11 @@
 #include <csignal>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <map>
 #include <random>
 
+#include "lib/base/status.h"
 #include "lib/map/tile_update.h"
 #include "tests/support/random_map.h"
 #include "tests/support/temporary_directory.h"
@@ -57,7 +59,8 @@ TEST_F(MapFileTest, LoadsWhatWasSaved) {
   Layer& a = map_.AddLayer({"robot a", 0xffffffffffffffffU}, {3, 0x8000000000000001U});
   map_.AddLayer({"robot b", 2}, {1, 7}).BeginCommit();
   a.BeginCommit();
-  for (int k = 0; k < 50; ++k) a.EditTile(RandomKey(random, 100000)) = RandomTile(random);
+  for (int k = 0; k < 50; ++k)
+    a.EditTile(RandomKey(random, 100000)) = RandomTile(random, map_.options().limits);
   {
     auto file = MapFile::Open(path_);
     ASSERT_TRUE(file.ok()) << file.status();
@@ -88,7 +91,7 @@ TEST_F(MapFileTest, SavesOfChangesAddUpToTheMap) {
   auto file = MapFile::Open(path_);
   for (int n = 0; n < 30; ++n) {
     layer.BeginCommit();
-    layer.EditTile(RandomKey(random, 4)) = RandomTile(random);
+    layer.EditTile(RandomKey(random, 4)) = RandomTile(random, map_.options().limits);
     if (n % 3 == 0) {
       ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
       ExpectEqual(*ReadMapFile(path_)->map, *map_.Snapshot());
@@ -163,9 +166,9 @@ TEST_F(MapFileTest, AFailedSaveLeavesTheFileAndIsMadeUpForLater) {
         "CREATE TRIGGER full BEFORE INSERT ON tile BEGIN SELECT RAISE(FAIL, 'disk full'); END");
     const absl::Status status = file->Save(*map_.Snapshot());
     EXPECT_NE(std::string(status.message()).find("disk full"), std::string::npos) << status;
-    ExpectEqual(*ReadMapFile(path_)->map, *before->map);
     other.exec("DROP TRIGGER full");
   }
+  ExpectEqual(*ReadMapFile(path_)->map, *before->map);
   ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
   ExpectEqual(*ReadMapFile(path_)->map, *map_.Snapshot());
 }
@@ -188,8 +191,133 @@ TEST_F(MapFileTest, ADamagedTileIsReportedAndTheRestIsLoaded) {
   }
   const auto loaded = ReadMapFile(path_);
   ASSERT_TRUE(loaded.ok()) << loaded.status();
-  EXPECT_EQ(loaded->damages.size(), 4u);
+  EXPECT_EQ(loaded->damages.size(), 5u);  // and the count of the tiles
   EXPECT_EQ(loaded->map->merged.size(), 4u);
+}
+
+TEST_F(MapFileTest, WhatIsMissingIsReported) {
+  for (const char* statement :
+       {"DELETE FROM tile WHERE tx = 1", "UPDATE tile SET layer = 7 WHERE layer = 2",
+        "UPDATE tile SET revision = 1 WHERE tx = 0", "DELETE FROM layer WHERE id = 2"}) {
+    std::filesystem::remove(path_);
+    Map map({0.1, {-2560, 5120}});
+    for (const uint64_t origin : {1, 2}) {
+      Layer& layer = map.AddLayer({"robot", origin}, {1, 1});
+      Commit(layer, 3);
+      Commit(layer, 6);
+    }
+    ASSERT_TRUE(MapFile::Open(path_)->Save(*map.Snapshot()).ok());
+    EXPECT_TRUE(ReadMapFile(path_)->damages.empty());
+    SQLite::Database(path_, SQLite::OPEN_READWRITE).exec(statement);
+    const auto loaded = ReadMapFile(path_);
+    ASSERT_TRUE(loaded.ok()) << loaded.status();
+    EXPECT_FALSE(loaded->damages.empty()) << statement;
+  }
+}
+
+TEST_F(MapFileTest, TheNextSaveMendsADamagedMap) {
+  Commit(map_.AddLayer({"robot", 1}, {1, 1}), 5);
+  ASSERT_TRUE(MapFile::Open(path_)->Save(*map_.Snapshot()).ok());
+  SQLite::Database(path_, SQLite::OPEN_READWRITE)
+      .exec("UPDATE tile SET content = x'00' WHERE tx = 3");
+  auto file = MapFile::Open(path_);
+  const auto loaded = file->Load();
+  ASSERT_EQ(loaded->damages.size(), 1u);
+  ASSERT_TRUE(file->Save(*loaded->map).ok());
+  const auto again = ReadMapFile(path_);
+  EXPECT_TRUE(again->damages.empty());
+  ExpectEqual(*again->map, *loaded->map);
+}
+
+class DamagedMapFileTest : public MapFileTest {
+ protected:
+  // A map of two layers, saved in several steps.
+  DamagedMapFileTest() {
+    std::mt19937_64 random(3);
+    Layer& a = map_.AddLayer({"robot a", 1}, {1, 1});
+    Layer& b = map_.AddLayer({"robot b", 2}, {1, 1});
+    auto file = MapFile::Open(path_);
+    for (int n = 0; n < 5; ++n) {
+      for (Layer* layer : {&a, &b}) {
+        layer->BeginCommit();
+        for (int k = 0; k < 5; ++k) {
+          layer->EditTile(RandomKey(random, 6)) = RandomTile(random, map_.options().limits);
+        }
+      }
+      EXPECT_TRUE(file->Save(*map_.Snapshot()).ok());
+    }
+    EXPECT_TRUE(file->Close().ok());
+    std::ifstream in(path_, std::ios::binary);
+    bytes_.assign(std::istreambuf_iterator<char>(in), {});
+  }
+
+  // Loads a file of these bytes: refused, or damages are listed, or the map is whole.
+  void ExpectNothingSilentlyWrong(const std::string& bytes, const std::string& what) {
+    std::ofstream(path_, std::ios::binary) << bytes;
+    const auto loaded = ReadMapFile(path_);
+    if (!loaded.ok()) {
+      ++refused_;
+      EXPECT_FALSE(ErrorText(loaded.status()).empty()) << what;
+    } else if (!loaded->damages.empty()) {
+      ++damaged_;
+    } else {
+      ++whole_;
+      SCOPED_TRACE(what);
+      ExpectEqual(*loaded->map, *map_.Snapshot());
+    }
+  }
+
+  std::string bytes_;
+  int refused_ = 0;
+  int damaged_ = 0;
+  int whole_ = 0;
+};
+
+TEST_F(DamagedMapFileTest, NoFlippedBitGoesUnnoticed) {
+  std::mt19937_64 random(1);
+  for (int round = 0; round < 500; ++round) {
+    std::string bytes = bytes_;
+    const size_t place = random() % bytes.size();
+    const size_t bit = random() % 8;
+    bytes[place] = static_cast<char>(bytes[place] ^ (1 << bit));
+    ExpectNothingSilentlyWrong(bytes, fmt::format("bit {} of byte {}", bit, place));
+  }
+  EXPECT_GT(damaged_, 50);
+  EXPECT_GT(whole_, 10);  // places that are not in use
+}
+
+TEST_F(DamagedMapFileTest, NoDamagedPageGoesUnnoticed) {
+  std::mt19937_64 random(2);
+  constexpr size_t kPage = 4096;
+  for (size_t page = 0; page < bytes_.size() / kPage; ++page) {
+    for (const size_t length : {size_t{8}, size_t{200}, kPage}) {
+      std::string bytes = bytes_;
+      for (size_t k = 0; k < length; ++k) bytes[page * kPage + k] = static_cast<char>(random());
+      ExpectNothingSilentlyWrong(bytes, fmt::format("{} bytes of page {}", length, page));
+      ExpectNothingSilentlyWrong(bytes_.substr(0, page * kPage + length % kPage),
+                                 fmt::format("cut within page {}", page));
+    }
+  }
+  EXPECT_GT(refused_, 10);
+}
+
+TEST_F(DamagedMapFileTest, AForeignLogBesideTheMapIsNotMixedIn) {
+  std::ofstream(path_ + "-wal", std::ios::binary) << std::string(10'000, 'x');
+  ExpectNothingSilentlyWrong(bytes_, "text as -wal");
+  EXPECT_EQ(whole_, 1);
+  // What another map's daemon left when it was killed, the last save in it.
+  const std::string other_path = directory_.File("other");
+  Map other(map_.options());
+  Layer& layer = other.AddLayer({"robot a", 1}, {1, 1});
+  auto file = MapFile::Open(other_path);
+  for (ControlPoint value = 3; value < 6; ++value) {
+    Commit(layer, value);
+    ASSERT_TRUE(file->Save(*other.Snapshot()).ok());
+  }
+  std::filesystem::copy_file(other_path + "-wal", path_ + "-wal",
+                             std::filesystem::copy_options::overwrite_existing);
+  const auto loaded = ReadMapFile(path_);
+  if (loaded.ok() && loaded->damages.empty()) ExpectEqual(*loaded->map, *other.Snapshot());
 }
 
 TEST_F(MapFileTest, ASecondWriterIsRefused) {
@@ -262,11 +390,32 @@ TEST_F(MapFileTest, RefusesWhatIsNoMapInWords) {
   EXPECT_FALSE(MapFile::Open(directory_.File("no/such/folder")).ok());
 }
 
-TEST_F(MapFileTest, RefusesANewerSchema) {
+TEST_F(MapFileTest, TablesThatRunSomethingAreRefused) {
+  for (const char* statement : {"CREATE TRIGGER t AFTER INSERT ON tile BEGIN DELETE FROM tile; END",
+                                "CREATE VIEW v AS WITH RECURSIVE r (x) AS (SELECT 1 UNION ALL "
+                                "SELECT x FROM r) SELECT * FROM r",
+                                "ALTER TABLE layer ADD COLUMN more ANY"}) {
+    std::filesystem::remove(path_);
+    ASSERT_TRUE(MapFile::Open(path_)->Save(*map_.Snapshot()).ok());
+    SQLite::Database(path_, SQLite::OPEN_READWRITE).exec(statement);
+    EXPECT_TRUE(absl::IsInvalidArgument(ReadMapFile(path_).status())) << statement;
+    EXPECT_TRUE(absl::IsInvalidArgument(MapFile::Open(path_).status())) << statement;
+  }
+}
+
+TEST_F(MapFileTest, RefusesAFolder) {
+  const absl::Status status = ReadMapFile(directory_.path()).status();
+  EXPECT_NE(ErrorText(status).find("it is a folder"), std::string::npos) << status;
+  EXPECT_FALSE(MapFile::Open(directory_.path()).ok());
+}
+
+TEST_F(MapFileTest, RefusesAnotherSchema) {
   map_.AddLayer({"robot", 1}, {1, 1});
   ASSERT_TRUE(MapFile::Open(path_)->Save(*map_.Snapshot()).ok());
-  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 2");
-  EXPECT_TRUE(absl::IsFailedPrecondition(MapFile::Open(path_).status()));
+  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 3");
+  EXPECT_NE(ErrorText(MapFile::Open(path_).status()).find("a newer splinemap"), std::string::npos);
+  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 1");
+  EXPECT_NE(ErrorText(ReadMapFile(path_).status()).find("an older splinemap"), std::string::npos);
 }
 
 }  // namespace

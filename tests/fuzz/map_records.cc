@@ -1,0 +1,166 @@
+// Rows of a map file, in a database in memory. The input is a program that writes rows: records
+// with right checksums and any fields, raw records, tiles with right or raw keys, revisions and
+// contents.
+
+#include "lib/store/map_records.h"
+
+#include <SQLiteCpp/SQLiteCpp.h>
+#include <xxhash.h>
+
+#include <optional>
+
+#include "lib/map/tile_update.h"
+#include "lib/store/records.pb.h"
+#include "tests/fuzz/fuzz.h"
+
+namespace splinemap {
+namespace {
+
+// Statements on one database, made once.
+class Rows {
+ public:
+  Rows() {
+    for (int value = 0; value < 4; ++value) {
+      tiles_[value].control_points.fill(static_cast<ControlPoint>(value * 10'000));
+      contents_[value] = EncodeTile(tiles_[value]);
+    }
+  }
+
+  SQLite::Database& database() { return database_; }
+
+  void Write(FuzzInput& input) {
+    switch (input.Byte() % 6) {
+      case 0:
+        return PutMap(MapRecord(input));
+      case 1:
+        return PutMap(input.Text(input.Byte()));
+      case 2:
+        return PutLayer(input, LayerRecord(input));
+      case 3:
+        return PutLayer(input, input.Text(input.Byte()));
+      case 4:
+        return PutTile(input, input.Byte() % 4);
+      default:
+        return PutTile(input, std::nullopt);
+    }
+  }
+
+ private:
+  template <typename Record>
+  static std::string Sealed(Record record) {
+    const std::string bytes = record.SerializeAsString();
+    record.set_checksum(XXH3_64bits(bytes.data(), bytes.size()));
+    return record.SerializeAsString();
+  }
+
+  static std::string MapRecord(FuzzInput& input) {
+    store::MapRecord record;
+    const uint8_t choice = input.Byte();
+    record.set_knot_interval_m(choice != 0 ? 0.05 * choice : input.Take<double>());
+    record.set_clamp_min(-256 * input.Byte());
+    record.set_clamp_max(input.Take<int16_t>());
+    record.set_layers(input.Byte());
+    return Sealed(record);
+  }
+
+  static std::string LayerRecord(FuzzInput& input) {
+    store::LayerRecord record;
+    record.set_name(Name(input));
+    record.set_origin(input.Byte() % 4);
+    record.set_revision(input.Byte() != 0 ? 100 : input.Take<uint64_t>());
+    record.set_incarnation(input.Byte());
+    record.set_tiles(input.Byte() % 8);
+    return Sealed(record);
+  }
+
+  static std::string Name(FuzzInput& input) {
+    const uint8_t choice = input.Byte() % 8;
+    return choice < 7 ? std::string(1, static_cast<char>('a' + choice)) : input.Text(3);
+  }
+
+  void PutMap(const std::string& record) {
+    put_map_.bind(1, record.data(), static_cast<int>(record.size()));
+    Run(put_map_);
+  }
+
+  void PutLayer(FuzzInput& input, const std::string& record) {
+    store::LayerRecord parsed;
+    if (input.Byte() % 8 != 0 && parsed.ParseFromString(record)) {
+      put_layer_.bind(2, parsed.name());
+      put_layer_.bind(3, static_cast<int64_t>(parsed.origin()));
+    } else {
+      put_layer_.bind(2, Name(input));
+      put_layer_.bind(3, input.Take<int64_t>());
+    }
+    put_layer_.bind(1, input.Byte() % 8);
+    put_layer_.bind(4, record.data(), static_cast<int>(record.size()));
+    Run(put_layer_);
+  }
+
+  void PutTile(FuzzInput& input, std::optional<int> good) {
+    const uint8_t choice = input.Byte();
+    const int64_t tx = choice != 0 ? choice % 4 : input.Take<int64_t>();
+    const int64_t ty = choice != 0 ? choice / 4 % 4 : input.Take<int64_t>();
+    put_tile_.bind(1, input.Byte() % 8);
+    put_tile_.bind(2, tx);
+    put_tile_.bind(3, ty);
+    put_tile_.bind(4, choice % 16 != 1 ? input.Byte() : input.Take<int64_t>());
+    const TileKey key{static_cast<int32_t>(tx), static_cast<int32_t>(ty)};
+    const std::string raw = good ? "" : input.Text(input.Byte());
+    const std::string& content = good ? contents_[*good] : raw;
+    put_tile_.bind(
+        5, good ? static_cast<int64_t>(TileChecksum(key, tiles_[*good])) : input.Take<int64_t>());
+    put_tile_.bind(6, content.data(), static_cast<int>(content.size()));
+    Run(put_tile_);
+  }
+
+  static void Run(SQLite::Statement& statement) {
+    statement.exec();
+    statement.reset();
+  }
+
+  static SQLite::Database NewDatabase() {
+    SQLite::Database database(":memory:", SQLite::OPEN_READWRITE);
+    MakeSchema(database);
+    return database;
+  }
+
+  SQLite::Database database_ = NewDatabase();
+  Tile tiles_[4];
+  std::string contents_[4];
+  SQLite::Statement put_map_{database_, "INSERT OR REPLACE INTO map VALUES (1, ?)"};
+  SQLite::Statement put_layer_{database_, "INSERT OR REPLACE INTO layer VALUES (?, ?, ?, ?)"};
+  SQLite::Statement put_tile_{database_, "INSERT OR REPLACE INTO tile VALUES (?, ?, ?, ?, ?, ?)"};
+};
+
+bool AreEqual(const MapSnapshot& a, const MapSnapshot& b) {
+  bool equal = a.options == b.options && a.layers.size() == b.layers.size() &&
+               a.merged.size() == b.merged.size();
+  a.merged.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    const TileTree::Entry* other = b.merged.Find(key);
+    equal = equal && other != nullptr && *other->tile == *entry.tile;
+  });
+  return equal;
+}
+
+void Run(FuzzInput input) {
+  static Rows rows;
+  SQLite::Transaction transaction(rows.database());  // rolled back
+  while (!input.empty()) rows.Write(input);
+  const absl::StatusOr<LoadedMap> loaded = ReadMap("fuzz", rows.database());
+  if (!loaded.ok()) return;
+  loaded->map->Evaluate(0.1, 0.1);
+  WriteMap(*loaded->map, {}, rows.database());
+  const absl::StatusOr<LoadedMap> again = ReadMap("fuzz", rows.database());
+  Require(again.ok(), "a map that was read can be written and read");
+  Require(again->damages.empty(), "a save mends a damaged map");
+  Require(AreEqual(*loaded->map, *again->map), "a map that was read is written the same");
+}
+
+}  // namespace
+}  // namespace splinemap
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+  splinemap::Run({data, size});
+  return 0;
+}
