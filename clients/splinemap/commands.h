@@ -5,6 +5,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "lib/store/map_file.h"
 
 namespace splinemap {
 
@@ -19,6 +20,9 @@ using Command = std::function<absl::StatusOr<int>()>;
 
 // Whether a command may write this file: its folder is there, and so is the file only with `force`.
 absl::Status CheckOutput(const std::string& path, bool force);
+
+// Shows what was damaged, on stderr. The exit status of a command that else succeeded.
+int ReportDamages(const LoadedMap& loaded);
 
 // Each adds one subcommand, which sets `chosen` when it is on the command line.
 void AddBuild(CLI::App& app, Command& chosen);

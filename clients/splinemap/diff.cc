@@ -62,10 +62,7 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
   const MapSnapshot& b = *loaded_b.map;
   bool equal = true;
   for (const LoadedMap* loaded : {&loaded_a, &loaded_b}) {
-    for (const std::string& damage : loaded->damages) {
-      std::fprintf(stderr, "%s\n", damage.c_str());
-      equal = false;
-    }
+    equal = ReportDamages(*loaded) == kSuccess && equal;
   }
   if (a.options != b.options) {
     for (const MapSnapshot* map : {&a, &b}) {

@@ -71,8 +71,7 @@ absl::StatusOr<int> Info(const std::string& path, bool as_json) {
   } else {
     PrintForPeople(json);
   }
-  for (const std::string& damage : loaded.damages) std::fprintf(stderr, "%s\n", damage.c_str());
-  return loaded.damages.empty() ? kSuccess : kFailed;
+  return ReportDamages(loaded);
 }
 
 }  // namespace

@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <cstdio>
 #include <filesystem>
 
 #include "clients/splinemap/commands.h"
@@ -17,6 +19,16 @@ absl::Status CheckOutput(const std::string& path, bool force) {
   }
   if (!force) return InvalidArgument("{} exists; --force replaces it", path);
   return absl::OkStatus();
+}
+
+int ReportDamages(const LoadedMap& loaded) {
+  constexpr size_t kMaxLines = 20;
+  const size_t count = loaded.damages.size();
+  for (size_t k = 0; k < std::min(count, kMaxLines); ++k) {
+    fmt::print(stderr, "{}\n", loaded.damages[k]);
+  }
+  if (count > kMaxLines) fmt::print(stderr, "and {} more\n", count - kMaxLines);
+  return count == 0 ? kSuccess : kFailed;
 }
 
 }  // namespace splinemap

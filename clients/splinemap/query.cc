@@ -42,7 +42,7 @@ std::optional<Point> ParsePoint(const std::string& line) {
 }
 
 // One line out per line in. A first line without numbers is taken for a header.
-absl::StatusOr<int> AnswerFile(const MapSnapshot& map, const std::string& path) {
+absl::Status AnswerFile(const MapSnapshot& map, const std::string& path) {
   std::ifstream file;
   if (path != "-") {
     file.open(path);
@@ -64,7 +64,7 @@ absl::StatusOr<int> AnswerFile(const MapSnapshot& map, const std::string& path) 
     }
   }
   if (broken > 0) return InvalidArgument("{} lines of {} could not be read", broken, path);
-  return kSuccess;
+  return absl::OkStatus();
 }
 
 struct Flags {
@@ -78,10 +78,13 @@ absl::StatusOr<int> Query(const Flags& flags) {
     return InvalidArgument("give either X Y or --points FILE");
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
-  for (const std::string& damage : loaded.damages) fmt::print(stderr, "{}\n", damage);
-  if (!flags.points_path.empty()) return AnswerFile(*loaded.map, flags.points_path);
+  const int status = ReportDamages(loaded);
+  if (!flags.points_path.empty()) {
+    SPLINEMAP_RETURN_IF_ERROR(AnswerFile(*loaded.map, flags.points_path));
+    return status;
+  }
   fmt::print("{}\n{}\n", kColumns, Answer(*loaded.map, {flags.point[0], flags.point[1]}));
-  return kSuccess;
+  return status;
 }
 
 constexpr const char* kExamples = R"(

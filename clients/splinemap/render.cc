@@ -38,12 +38,11 @@ std::string Preview(const Raster& raster) {
 
 absl::StatusOr<int> Render(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
-  for (const std::string& damage : loaded.damages) std::fprintf(stderr, "%s\n", damage.c_str());
   if (flags.out.empty()) {
     const double pixels_per_knot = std::min(1.0, FittingPixelsPerKnot(*loaded.map, 2000));
     SPLINEMAP_ASSIGN_OR_RETURN(const Raster raster, RenderMap(*loaded.map, pixels_per_knot));
     std::fputs(Preview(raster).c_str(), stdout);
-    return kSuccess;
+    return ReportDamages(loaded);
   }
   constexpr int kSide = 1200;
   const double pixels_per_knot = flags.pixels_per_knot > 0
@@ -53,7 +52,7 @@ absl::StatusOr<int> Render(const Flags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(WritePng(raster, flags.out));
   std::fprintf(stderr, "%s: %d x %d pixels of %.4g m, left %.4g m, top %.4g m\n", flags.out.c_str(),
                raster.width, raster.height, raster.pixel_m, raster.left_m, raster.top_m);
-  return kSuccess;
+  return ReportDamages(loaded);
 }
 
 constexpr const char* kExamples = R"(

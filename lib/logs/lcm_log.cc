@@ -217,10 +217,21 @@ absl::Status ReadLcmLog(const std::string& path, absl::FunctionRef<void(const Lo
   return reader.status();
 }
 
+// Writes beside the path, and takes the name when all is written.
 struct LcmLogWriter::Impl {
-  explicit Impl(const std::string& log_path) : path(log_path), file(log_path, "w") {}
+  explicit Impl(const std::string& log_path)
+      : path(log_path), part(log_path + ".part"), file(std::in_place, part, "w") {}
+  ~Impl() {
+    file.reset();
+    std::remove(part.c_str());  // where it got no name
+  }
+  absl::Status CannotWrite() const {
+    return Unavailable("cannot write {}: {}", path, std::strerror(errno));
+  }
+
   std::string path;
-  lcm::LogFile file;
+  std::string part;
+  std::optional<lcm::LogFile> file;
 };
 
 LcmLogWriter::LcmLogWriter(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -230,7 +241,7 @@ LcmLogWriter::~LcmLogWriter() = default;
 
 absl::StatusOr<LcmLogWriter> LcmLogWriter::Create(const std::string& path) {
   auto impl = std::make_unique<Impl>(path);
-  if (!impl->file.good()) return Unavailable("cannot write {}: {}", path, std::strerror(errno));
+  if (!impl->file->good()) return impl->CannotWrite();
   return LcmLogWriter(std::move(impl));
 }
 
@@ -242,20 +253,16 @@ absl::Status LcmLogWriter::WriteBytes(Utime utime, const std::string& channel,
   event.channel = channel;
   event.datalen = static_cast<int32_t>(message.size());
   event.data = message.data();
-  if (impl_->file.writeEvent(&event) != 0) {
-    return Unavailable("cannot write {}: {}", impl_->path, std::strerror(errno));
-  }
-  return absl::OkStatus();
+  return impl_->file->writeEvent(&event) == 0 ? absl::OkStatus() : impl_->CannotWrite();
 }
 
 absl::Status LcmLogWriter::Close() {
   if (!impl_) return FailedPrecondition("this log is closed");
-  const bool flushed = std::fflush(impl_->file.getFilePtr()) == 0;
-  const absl::Status status =
-      flushed ? absl::OkStatus()
-              : Unavailable("cannot write {}: {}", impl_->path, std::strerror(errno));
-  impl_.reset();
-  return status;
+  const std::unique_ptr<Impl> impl = std::move(impl_);
+  if (std::fflush(impl->file->getFilePtr()) != 0) return impl->CannotWrite();
+  impl->file.reset();
+  if (std::rename(impl->part.c_str(), impl->path.c_str()) != 0) return impl->CannotWrite();
+  return absl::OkStatus();
 }
 
 }  // namespace splinemap

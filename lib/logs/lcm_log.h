@@ -28,10 +28,11 @@ struct LogEvent {
 absl::Status ReadLcmLog(const std::string& path, absl::FunctionRef<void(const LogEvent&)> visit,
                         absl::FunctionRef<void(double)> progress);
 
-// Writes an LCM log. Thread-compatible.
+// Writes an LCM log, which gets its name when it is closed: a log that is cut short by a failure is
+// removed, and an older one stays. Thread-compatible.
 class LcmLogWriter {
  public:
-  // Replaces the file. Unavailable where it cannot be written.
+  // Unavailable where the file cannot be written.
   static absl::StatusOr<LcmLogWriter> Create(const std::string& path);
 
   LcmLogWriter(LcmLogWriter&&) noexcept;
@@ -46,7 +47,8 @@ class LcmLogWriter {
   }
   absl::Status WriteBytes(Utime utime, const std::string& channel, std::vector<uint8_t>& message);
 
-  // Closes the file; every later call fails. Says whether all of it reached the system.
+  // Closes the file, which replaces an older one; every later call fails. Says whether all of it
+  // reached the system.
   absl::Status Close();
 
  private:

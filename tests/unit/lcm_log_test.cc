@@ -4,6 +4,7 @@
 #include <zlib.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <fstream>
 #include <lcm/lcm-cpp.hpp>
 #include <random>
@@ -56,6 +57,16 @@ class LcmLogTest : public testing::Test {
 TEST_F(LcmLogTest, ReadsWhatWasWritten) {
   EXPECT_TRUE(Read().ok());
   EXPECT_EQ(events_, 10u);
+}
+
+TEST_F(LcmLogTest, ALogThatIsNotClosedLeavesTheOldOne) {
+  const std::string before = Bytes();
+  {
+    auto writer = LcmLogWriter::Create(path_);
+    EXPECT_TRUE(writer->Write(Utime(1), "POSE", PoseMessage({})).ok());
+  }
+  EXPECT_EQ(Bytes(), before);
+  EXPECT_FALSE(std::filesystem::exists(path_ + ".part"));
 }
 
 TEST_F(LcmLogTest, LcmItselfReadsTheSame) {
