@@ -5,6 +5,7 @@
 #include <cstring>
 #include <filesystem>
 #include <memory>
+#include <utility>
 
 #include "lib/base/status.h"
 
@@ -32,26 +33,46 @@ absl::StatusOr<std::string> ReadFile(const std::string& path) {
   return content;
 }
 
-absl::Status WriteFile(const std::string& path, const std::string& content) {
-  const std::string temporary = path + ".part";
-  {
-    File file(std::fopen(temporary.c_str(), "wb"));
-    if (!file) return Unavailable("cannot write {}: {}", path, std::strerror(errno));
-    const bool written =
-        std::fwrite(content.data(), 1, content.size(), file.get()) == content.size() &&
-        std::fflush(file.get()) == 0;
-    if (!written) {
-      const int error = errno;
-      std::remove(temporary.c_str());
-      return Unavailable("cannot write {}: {}", path, std::strerror(error));
-    }
+absl::StatusOr<NewFile> NewFile::Create(std::string path) {
+  std::error_code ignored;
+  if (std::filesystem::exists(path, ignored) && !std::filesystem::is_regular_file(path, ignored)) {
+    return InvalidArgument("cannot write {}: it is no ordinary file", path);
   }
-  if (std::rename(temporary.c_str(), path.c_str()) != 0) {
-    const int error = errno;
-    std::remove(temporary.c_str());
-    return Unavailable("cannot write {}: {}", path, std::strerror(error));
+  NewFile file(std::move(path), nullptr);
+  file.stream_.reset(std::fopen(file.temporary_path().c_str(), "wb"));
+  if (!file.stream_) return file.Failure();
+  return file;
+}
+
+NewFile::~NewFile() {
+  if (stream_) std::remove(temporary_path().c_str());
+}
+
+absl::Status NewFile::Write(std::string_view content) {
+  if (std::fwrite(content.data(), 1, content.size(), stream_.get()) != content.size()) {
+    return Failure();
   }
   return absl::OkStatus();
+}
+
+absl::Status NewFile::Commit() {
+  // A write that was put off may fail as late as here.
+  absl::Status status;
+  if (std::ferror(stream_.get()) != 0 || std::fflush(stream_.get()) != 0) status = Failure();
+  if (std::fclose(stream_.release()) != 0) status.Update(Failure());
+  if (status.ok() && std::rename(temporary_path().c_str(), path_.c_str()) != 0) status = Failure();
+  if (!status.ok()) std::remove(temporary_path().c_str());
+  return status;
+}
+
+absl::Status NewFile::Failure() const {
+  return Unavailable("cannot write {}: {}", path_, std::strerror(errno));
+}
+
+absl::Status WriteFile(const std::string& path, const std::string& content) {
+  SPLINEMAP_ASSIGN_OR_RETURN(NewFile file, NewFile::Create(path));
+  SPLINEMAP_RETURN_IF_ERROR(file.Write(content));
+  return file.Commit();
 }
 
 }  // namespace splinemap

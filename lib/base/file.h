@@ -1,6 +1,9 @@
 #pragma once
 
+#include <cstdio>
+#include <memory>
 #include <string>
+#include <string_view>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -10,8 +13,39 @@ namespace splinemap {
 // The whole content of a file. Errors name the path and the system's reason.
 absl::StatusOr<std::string> ReadFile(const std::string& path);
 
-// Writes through a temporary file beside `path`, so that a reader sees the old content or the new
-// and a failure leaves the old.
+// A file in the making, under a temporary name beside its own. A reader sees the old content until
+// Commit() and the whole new content afterwards; without a Commit() nothing is left behind. Errors
+// name the path and the system's reason. Thread-compatible.
+class NewFile {
+ public:
+  // InvalidArgument for a folder or a device, which would be replaced.
+  static absl::StatusOr<NewFile> Create(std::string path);
+  NewFile(NewFile&&) = default;
+  NewFile& operator=(NewFile&&) = delete;
+  ~NewFile();
+
+  const std::string& path() const { return path_; }
+  // For libraries that write by themselves.
+  std::string temporary_path() const { return path_ + ".part"; }
+  std::FILE* stream() { return stream_.get(); }
+
+  absl::Status Write(std::string_view content);
+  // Every later call fails.
+  absl::Status Commit();
+
+ private:
+  struct Closer {
+    void operator()(std::FILE* file) const { std::fclose(file); }
+  };
+
+  NewFile(std::string path, std::FILE* stream) : path_(std::move(path)), stream_(stream) {}
+  absl::Status Failure() const;
+
+  std::string path_;
+  std::unique_ptr<std::FILE, Closer> stream_;  // null after Commit()
+};
+
+// Makes or replaces a file through a NewFile.
 absl::Status WriteFile(const std::string& path, const std::string& content);
 
 }  // namespace splinemap
