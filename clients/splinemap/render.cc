@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "clients/splinemap/commands.h"
+#include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/render/raster.h"
 #include "lib/render/terminal.h"
@@ -40,18 +41,20 @@ absl::StatusOr<int> Render(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
   if (flags.out.empty()) {
     const double pixels_per_knot = std::min(1.0, FittingPixelsPerKnot(*loaded.map, 2000));
-    SPLINEMAP_ASSIGN_OR_RETURN(const Raster raster, RenderMap(*loaded.map, pixels_per_knot));
-    std::fputs(Preview(raster).c_str(), stdout);
+    SPLINEMAP_ASSIGN_OR_RETURN(const PixelGrid grid, FittingGrid(*loaded.map, pixels_per_knot));
+    std::fputs(Preview(RenderMap(*loaded.map, grid)).c_str(), stdout);
     return ReportDamages(loaded);
   }
   constexpr int kSide = 1200;
   const double pixels_per_knot = flags.pixels_per_knot > 0
                                      ? flags.pixels_per_knot
                                      : std::max(1.0, FittingPixelsPerKnot(*loaded.map, kSide));
-  SPLINEMAP_ASSIGN_OR_RETURN(const Raster raster, RenderMap(*loaded.map, pixels_per_knot));
-  SPLINEMAP_RETURN_IF_ERROR(WritePng(raster, flags.out));
+  SPLINEMAP_ASSIGN_OR_RETURN(const PixelGrid grid, FittingGrid(*loaded.map, pixels_per_knot));
+  SPLINEMAP_ASSIGN_OR_RETURN(NewFile file, NewFile::Create(flags.out));
+  SPLINEMAP_RETURN_IF_ERROR(WritePng(RenderMap(*loaded.map, grid), file));
+  SPLINEMAP_RETURN_IF_ERROR(file.Commit());
   std::fprintf(stderr, "%s: %d x %d pixels of %.4g m, left %.4g m, top %.4g m\n", flags.out.c_str(),
-               raster.width, raster.height, raster.pixel_m, raster.left_m, raster.top_m);
+               grid.width, grid.height, grid.pixel_m, grid.left_m, grid.top_m);
   return ReportDamages(loaded);
 }
 

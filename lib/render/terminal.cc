@@ -12,8 +12,8 @@ constexpr uint8_t kOccupied = 90;  // a raster value below is rather occupied: p
 
 // A block of pixels as one: the most occupied where something is, else the most certainly free.
 uint8_t Pool(const Raster& raster, double left, double top, double side) {
-  const int column_end = std::min(static_cast<int>(std::ceil(left + side)), raster.width);
-  const int row_end = std::min(static_cast<int>(std::ceil(top + side)), raster.height);
+  const int column_end = std::min(static_cast<int>(std::ceil(left + side)), raster.grid.width);
+  const int row_end = std::min(static_cast<int>(std::ceil(top + side)), raster.grid.height);
   uint8_t least = 255;
   uint8_t greatest = 0;
   for (int row = static_cast<int>(top); row < row_end; ++row) {
@@ -38,11 +38,11 @@ int TerminalColour(uint8_t value) {
 
 std::string DrawInTerminal(const Raster& raster, int columns, int rows, bool colour) {
   // A character is about twice as high as wide: one block wide and two high.
-  const double side =
-      std::max({double{1} * raster.width / columns, double{1} * raster.height / (2 * rows), 1.0});
+  const double side = std::max(
+      {double{1} * raster.grid.width / columns, double{1} * raster.grid.height / (2 * rows), 1.0});
   std::string text;
-  for (int row = 0; row * 2 * side < raster.height; ++row) {
-    for (int column = 0; column * side < raster.width; ++column) {
+  for (int row = 0; row * 2 * side < raster.grid.height; ++row) {
+    for (int column = 0; column * side < raster.grid.width; ++column) {
       const uint8_t upper = Pool(raster, column * side, 2 * row * side, side);
       const uint8_t lower = Pool(raster, column * side, (2 * row + 1) * side, side);
       if (colour) {

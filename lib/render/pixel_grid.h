@@ -1,0 +1,49 @@
+#pragma once
+
+#include <optional>
+
+#include "absl/status/statusor.h"
+#include "lib/map/map.h"
+
+namespace splinemap {
+
+// A rectangle of the map frame: [x0_m, x1_m) x [y0_m, y1_m).
+struct Region {
+  double x0_m = 0;
+  double y0_m = 0;
+  double x1_m = 0;
+  double y1_m = 0;
+};
+
+// Square pixels over the map frame, rows from the top (greatest y) down. At most 2^28 pixels.
+struct PixelGrid {
+  int width = 0;
+  int height = 0;
+  double left_m = 0;  // x of the left edge
+  double top_m = 0;   // y of the upper edge
+  double pixel_m = 0;
+
+  // The centre of a pixel, to the nanometre: so the same point is the same number in every grid.
+  double CentreX(int column) const;
+  double CentreY(int row) const;
+  double bottom_m() const;  // y of the lower edge, to the nanometre
+};
+
+// The smallest grid over the control points that were touched, half a knot interval beyond the
+// outermost. FailedPrecondition for a map without any, InvalidArgument for too many pixels.
+absl::StatusOr<PixelGrid> FittingGrid(const MapSnapshot& map, double pixels_per_knot);
+
+// Pixels per knot interval, 8 at most and a whole number from 1 on, with which the longer side of
+// the picture has about `side` pixels.
+double FittingPixelsPerKnot(const MapSnapshot& map, int side);
+
+// The pixels of side `resolution_m` whose centres lie in `region`, by default in the touched part
+// of the map. Centres are whole multiples of the resolution, so that grids of one resolution fit
+// together, regions side by side share no pixel, and pixels of one knot interval are centred on the
+// control points. FailedPrecondition for an empty map without a region; InvalidArgument for a
+// region that is not finite, not ordered, beyond kMaxKnotIndex or without a pixel, for a resolution
+// that is no number or under 1/64 knot interval, and for too many pixels.
+absl::StatusOr<PixelGrid> GridOfRegion(const MapSnapshot& map, const std::optional<Region>& region,
+                                       double resolution_m);
+
+}  // namespace splinemap
