@@ -28,6 +28,7 @@ int ReportDamages(const LoadedMap& loaded);
 void AddBuild(CLI::App& app, Command& chosen);
 void AddDiff(CLI::App& app, Command& chosen);
 void AddDoctor(CLI::App& app, Command& chosen);
+void AddExport(CLI::App& app, Command& chosen);
 void AddImportCarmen(CLI::App& app, Command& chosen);
 void AddInfo(CLI::App& app, Command& chosen);
 void AddQuery(CLI::App& app, Command& chosen);

@@ -27,6 +27,7 @@ int Main(int argc, char** argv) {
   AddInfo(app, chosen);
   AddRender(app, chosen);
   AddQuery(app, chosen);
+  AddExport(app, chosen);
   AddDiff(app, chosen);
   AddDoctor(app, chosen);
   AddWatch(app, chosen);

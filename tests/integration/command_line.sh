@@ -63,6 +63,62 @@ expect 0 splinemap render room.splinemap room.png --px-per-knot 3
 [[ $(head -c 8 room.png | od -An -tx1 | tr -d ' ') == 89504e470d0a1a0a ]] || fail "no PNG"
 expect 0 splinemap render room.splinemap
 expect_text "####" out
+expect 2 splinemap render room.splinemap /dev/null
+expect 1 splinemap render room.splinemap no/such/folder.png
+
+# export
+expect 0 splinemap export room.splinemap room --format ros
+expect_text "room.pgm, room.yaml" err
+[[ ! -s out ]] || fail "export wrote to stdout"
+grep -qx "image: room.pgm" room.yaml || fail "image in $(cat room.yaml)"
+expect 2 splinemap export room.splinemap room --format ros
+expect_text "room.pgm exists; --force replaces it" err
+rm room.pgm
+expect 2 splinemap export room.splinemap room --format ros
+expect_text "room.yaml exists" err
+expect 0 splinemap export room.splinemap room --format ros --mode scale --force
+grep -qx "image: room.png" room.yaml || fail "image in $(cat room.yaml)"
+mkdir folder
+expect 0 splinemap export room.splinemap folder/part --format ros --mode raw --region -1,-1.5,1.5,0 \
+  --resolution 0.1
+[[ $(head -n 2 folder/part.pgm | tail -n 1) == "25 15" ]] || fail "size: $(head -n 2 folder/part.pgm)"
+grep -qx "origin: \[-1.05, -1.55, 0.0\]" folder/part.yaml || fail "origin: $(cat folder/part.yaml)"
+grep -qx "image: part.pgm" folder/part.yaml || fail "a folder in the yaml: $(cat folder/part.yaml)"
+expect 0 splinemap export room.splinemap picture --format png --region=-1,-1,1,1
+[[ $(tr '\n' ' ' < picture.pgw) == "0.05 0 0 -0.05 -1 0.95 " ]] || fail "$(cat picture.pgw)"
+expect 0 splinemap export room.splinemap table --format csv --region -1,-1,1,1 --resolution 0.5
+(($(wc -l < table.csv) == 17)) || fail "4 x 4 points: $(cat table.csv)"
+tail -n +2 table.csv | cut -d, -f 1,2 > points.csv
+expect 0 splinemap query room.splinemap --points points.csv
+cmp <(cut -d, -f 1-4,7 out) <(tail -n +2 table.csv) || fail "export and query differ"
+expect 0 splinemap export room.splinemap room --format geotiff
+[[ $(head -c 4 room.tif | od -An -tx1 | tr -d ' ') == 49492a00 ]] || fail "no TIFF"
+for hostile in 0,0,1 0,0,1,1,1 a,0,1,1 nan,0,1,1 0,0,inf,1 1,0,0,1 0,0,0,1 -1e9,0,1,1 '0,0,1,1 2'; do
+  expect 2 splinemap export room.splinemap x --format csv --region "$hostile"
+done
+expect_text "x0,y0,x1,y1" err
+for hostile in 0 -0.05 nan inf 1e-9 x; do
+  expect 2 splinemap export room.splinemap x --format csv --resolution "$hostile"
+done
+expect 2 splinemap export room.splinemap x --format png --region -9999,-9999,9999,9999
+expect_text "too large" err
+expect 2 splinemap export room.splinemap x --format bmp
+expect 2 splinemap export room.splinemap x --format csv --mode raw
+expect 2 splinemap export room.splinemap folder/ --format csv
+expect 2 splinemap export room.splinemap no/such/folder --format csv
+expect 1 splinemap export none.splinemap x --format csv
+# A limit on the size of a file stands in for a full disk: what was there stays.
+cp room.yaml before.yaml
+for format in ros csv geotiff; do
+  (
+    trap '' XFSZ
+    ulimit -f 8
+    expect 1 splinemap export room.splinemap room --format $format --resolution 0.001 --force
+    expect_text "File too large" err
+  )
+done
+cmp room.yaml before.yaml || fail "a failed export changed a file"
+[[ -z $(find . -name 'x.*' -o -name '*.part') ]] || fail "left behind: $(find . -name 'x.*' -o -name '*.part')"
 
 # diff
 cp room.splinemap copy.splinemap
@@ -107,7 +163,7 @@ expect 2 splinemap frobnicate
 expect 2 splinemap render
 expect 0 splinemap --help
 expect 0 splinemap --version
-for command in build info render query diff doctor watch simulate import-carmen; do
+for command in build info render query export diff doctor watch simulate import-carmen; do
   expect 0 splinemap $command --help
   expect_text "Example" out
 done

@@ -1,0 +1,147 @@
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "absl/strings/str_split.h"
+#include "clients/splinemap/commands.h"
+#include "lib/base/file.h"
+#include "lib/base/status.h"
+#include "lib/exchange/csv.h"
+#include "lib/exchange/geotiff.h"
+#include "lib/exchange/ros_map.h"
+#include "lib/exchange/world_file.h"
+#include "lib/render/raster.h"
+#include "lib/store/map_file.h"
+
+namespace splinemap {
+namespace {
+
+struct Flags {
+  std::string map;
+  std::string base;
+  std::string format;
+  std::string mode;
+  std::string region;
+  std::optional<double> resolution_m;
+  bool force = false;
+};
+
+RosMode ParseMode(const std::string& mode) {
+  return mode == "scale" ? RosMode::kScale : mode == "raw" ? RosMode::kRaw : RosMode::kTrinary;
+}
+
+absl::StatusOr<std::optional<Region>> ParseRegion(const std::string& text) {
+  if (text.empty()) return std::nullopt;
+  const std::vector<std::string> words = absl::StrSplit(text, ',');
+  Region region;
+  double* const numbers[] = {&region.x0_m, &region.y0_m, &region.x1_m, &region.y1_m};
+  bool is_valid = words.size() == std::size(numbers);
+  for (size_t k = 0; is_valid && k < words.size(); ++k) {
+    is_valid = absl::SimpleAtod(words[k], numbers[k]);
+  }
+  if (!is_valid) return InvalidArgument("--region {} is not x0,y0,x1,y1 in metres", text);
+  return region;
+}
+
+std::vector<std::string> Extensions(const Flags& flags, RosMode mode) {
+  if (flags.format == "ros") return {RosImageExtension(mode), ".yaml"};
+  if (flags.format == "png") return {".png", ".pgw"};
+  if (flags.format == "csv") return {".csv"};
+  return {".tif"};
+}
+
+// `files` are those of Extensions().
+absl::Status Write(const Flags& flags, RosMode mode, const MapSnapshot& map, const PixelGrid& grid,
+                   std::vector<NewFile>& files) {
+  if (flags.format == "ros") {
+    const std::string image = std::filesystem::path(files[0].path()).filename().string();
+    SPLINEMAP_ASSIGN_OR_RETURN(const std::string yaml, RosYaml(grid, mode, image));
+    SPLINEMAP_RETURN_IF_ERROR(WriteRosImage(map, grid, mode, files[0]));
+    return files[1].Write(yaml);
+  }
+  if (flags.format == "png") {
+    SPLINEMAP_RETURN_IF_ERROR(WritePng(RenderMap(map, grid), files[0]));
+    return files[1].Write(WorldFile(grid));
+  }
+  if (flags.format == "csv") return WriteCsv(map, grid, files[0]);
+  return WriteGeoTiff(map, grid, files[0]);
+}
+
+absl::StatusOr<int> Export(const Flags& flags) {
+  if (!flags.mode.empty() && flags.format != "ros") {
+    return InvalidArgument("--mode belongs to --format ros");
+  }
+  const RosMode mode = ParseMode(flags.mode);
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::optional<Region> region, ParseRegion(flags.region));
+  if (std::filesystem::path(flags.base).filename().empty()) {
+    return InvalidArgument("BASE is {}: a folder; add the name of the files", flags.base);
+  }
+  std::vector<std::string> paths;
+  for (const std::string& extension : Extensions(flags, mode)) {
+    paths.push_back(flags.base + extension);
+    SPLINEMAP_RETURN_IF_ERROR(CheckOutput(paths.back(), flags.force));
+  }
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
+  for (const std::string& damage : loaded.damages) fmt::print(stderr, "{}\n", damage);
+  SPLINEMAP_ASSIGN_OR_RETURN(
+      const PixelGrid grid,
+      GridOfRegion(*loaded.map, region,
+                   flags.resolution_m.value_or(loaded.map->options.knot_interval_m)));
+  // All are written before the first takes its name: none describes another's predecessor.
+  std::vector<NewFile> files;
+  for (const std::string& path : paths) {
+    SPLINEMAP_ASSIGN_OR_RETURN(NewFile file, NewFile::Create(path));
+    files.push_back(std::move(file));
+  }
+  SPLINEMAP_RETURN_IF_ERROR(Write(flags, mode, *loaded.map, grid, files));
+  for (NewFile& file : files) SPLINEMAP_RETURN_IF_ERROR(file.Commit());
+  fmt::print(stderr, "{}: {} x {} pixels of {} m, lower left corner at {}, {} m\n",
+             fmt::join(paths, ", "), grid.width, grid.height, grid.pixel_m, grid.left_m,
+             grid.bottom_m());
+  return kSuccess;
+}
+
+constexpr const char* kExamples = R"(
+Examples:
+  splinemap export lab.splinemap lab --format ros
+  splinemap export lab.splinemap door --format geotiff --region -2,0,3.5,4 --resolution 0.01
+
+Evaluates the surface at the centre of every pixel. Centres are whole multiples of the resolution,
+so at the knot interval they are the control points, and pictures of one resolution fit together. A
+pixel belongs to the region that has its centre, the lower and left edge included.
+
+  ros      BASE.pgm and BASE.yaml for map_server and nav2_map_server. --mode trinary: occupied with
+           a probability above 0.65, free below 0.196, else unknown. --mode scale (BASE.png in
+           place of BASE.pgm, since unknown is transparent) and raw: the probability in per cent.
+  png      The picture of render, and BASE.pgw, a world file, which says where it lies.
+  csv      x_m,y_m,log_odds,probability,known for every pixel, from the lower left, x fastest.
+  geotiff  BASE.tif: log-odds of occupied as float32, NaN (nodata) where unknown, in metres of the
+           map frame.)";
+
+}  // namespace
+
+void AddExport(CLI::App& app, Command& chosen) {
+  auto flags = std::make_shared<Flags>();
+  CLI::App* command = app.add_subcommand("export", "Write a map for ROS, as PNG, CSV or GeoTIFF");
+  command->footer(kExamples);
+  command->add_option("MAP", flags->map, "Map file")->required();
+  command->add_option("BASE", flags->base, "Files to write, without their extension")->required();
+  command->add_option("--format", flags->format, "ros, png, csv or geotiff")
+      ->required()
+      ->check(CLI::IsMember({"ros", "png", "csv", "geotiff"}));
+  command->add_option("--mode", flags->mode, "Of ros: trinary (default), scale or raw")
+      ->check(CLI::IsMember({"trinary", "scale", "raw"}));
+  command
+      ->add_option("--region", flags->region,
+                   "x0,y0,x1,y1 in metres of the map frame (default: all that was mapped)")
+      ->type_name("REGION");
+  command->add_option("--resolution", flags->resolution_m,
+                      "Metres per pixel (default: the knot interval)");
+  command->add_flag("--force", flags->force, "Replace files that exist");
+  command->callback([flags, &chosen] { chosen = [flags] { return Export(*flags); }; });
+}
+
+}  // namespace splinemap
