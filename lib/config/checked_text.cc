@@ -75,7 +75,7 @@ std::string RangeText(const config::FieldRules& rules) {
 
 // What is wrong with a field that is set, or an empty text.
 std::string Complaint(const Message& message, const FieldDescriptor& field) {
-  if (field.is_repeated()) return "";
+  if (field.is_repeated()) return "";  // texts, which the user of the message checks
   const config::FieldRules& rules = RulesOf(field);
   std::string value = ValueText(message, field, -1);
   if (field.cpp_type() == FieldDescriptor::CPPTYPE_STRING) {
@@ -130,6 +130,8 @@ class DocumentedPrinter {
       Documentation(field, indent, commented);
       if (field.cpp_type() == FieldDescriptor::CPPTYPE_MESSAGE) {
         Nested(message, field, indent, commented);
+      } else if (field.is_repeated()) {
+        Repeated(message, field, indent, commented);
       } else {
         const bool is_set = message.GetReflection()->HasField(message, &field);
         out_ << Prefix(indent, commented || !is_set) << field.name() << ": "
@@ -156,6 +158,16 @@ class DocumentedPrinter {
       Fields(nested, indent + "  ", is_example);
       out_ << Prefix(indent, is_example) << "}\n";
     }
+  }
+
+  void Repeated(const Message& message, const FieldDescriptor& field, const std::string& indent,
+                bool commented) {
+    const int count = message.GetReflection()->FieldSize(message, &field);
+    for (int k = 0; k < count; ++k) {
+      out_ << Prefix(indent, commented) << field.name() << ": " << ValueText(message, field, k)
+           << '\n';
+    }
+    if (count == 0) out_ << Prefix(indent, true) << field.name() << ": \"\"\n";
   }
 
   void Documentation(const FieldDescriptor& field, const std::string& indent, bool commented) {
@@ -203,7 +215,7 @@ absl::Status SetCheckedField(const std::string& name, const std::string& value, 
     for (int k = 0; k < descriptor.field_count(); ++k) names.push_back(descriptor.field(k)->name());
     return InvalidArgument("no option {}; there are {}", name, fmt::join(names, ", "));
   }
-  message->GetReflection()->ClearField(message, field);
+  if (!field->is_repeated()) message->GetReflection()->ClearField(message, field);
   const bool is_text = field->cpp_type() == FieldDescriptor::CPPTYPE_STRING;
   TextFormat::Parser parser;
   ErrorList ignored(name);

@@ -16,7 +16,8 @@ namespace splinemap {
 absl::Status ParseCheckedText(const std::string& text, const std::string& source,
                               google::protobuf::Message* message);
 
-// Sets one field from text, as in "range_max_m=12". InvalidArgument names the fields there are.
+// Sets one field from text, as in "range_max_m=12"; adds to one that is repeated. InvalidArgument
+// names the fields there are.
 absl::Status SetCheckedField(const std::string& name, const std::string& value,
                              google::protobuf::Message* message);
 

@@ -9,6 +9,7 @@
 #include <set>
 #include <utility>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_split.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
@@ -36,6 +37,24 @@ constexpr size_t kMaxChannelLength = 63;  // LCM_MAX_CHANNEL_NAME_LENGTH
 
 bool IsNameCharacter(char c) {
   return std::isalnum(static_cast<unsigned char>(c)) || c == '.' || c == '_' || c == '-';
+}
+
+double Radians(double degrees) { return degrees * std::numbers::pi / 180; }
+
+// FROM..TO in degrees.
+absl::StatusOr<BearingRange> ParseMask(const std::string& text) {
+  const std::vector<std::string> ends = absl::StrSplit(text, "..");
+  double from_deg = 0;
+  double to_deg = 0;
+  const bool is_range = ends.size() == 2 && absl::SimpleAtod(ends[0], &from_deg) &&
+                        absl::SimpleAtod(ends[1], &to_deg) && std::abs(from_deg) <= 360 &&
+                        std::abs(to_deg) <= 360 && from_deg != to_deg;
+  if (!is_range) {
+    return InvalidArgument("mask {} is not FROM..TO in degrees within -360 .. 360, as in 170..-170",
+                           text);
+  }
+  const double span_deg = std::fmod(to_deg - from_deg + 720, 360);
+  return BearingRange{Radians(from_deg), Radians(span_deg == 0 ? 360 : span_deg)};
 }
 
 Utime Milliseconds(double value) { return Utime(std::llround(value * 1000)); }
@@ -100,19 +119,35 @@ absl::Status CheckConfig(const config::Config& config) {
       return InvalidArgument("channel {} is named twice", scan.channel());
     }
     if (scan.channel().empty()) return InvalidArgument("a scan without a channel");
+    if (std::max(scan.channel().size(), scan.extrinsics_channel().size()) > kMaxChannelLength) {
+      return InvalidArgument("scan {}: LCM's channels have {} bytes at most", scan.channel(),
+                             kMaxChannelLength);
+    }
     if (scan.range_min_m() >= scan.range_max_m()) {
       return InvalidArgument("scan {}: range_min_m {} is not below range_max_m {}", scan.channel(),
                              scan.range_min_m(), scan.range_max_m());
     }
+    for (const std::string& mask : scan.mask()) {
+      if (const auto range = ParseMask(mask); !range.ok()) {
+        return InvalidArgument("scan {}: {}", scan.channel(), ErrorText(range.status()));
+      }
+    }
     const double knots = scan.range_max_m() / config.method().knot_interval_m();
-    if (scan.channel().size() > kMaxChannelLength) {
-      return InvalidArgument("channel {} is longer than LCM's {} bytes", scan.channel(),
-                             kMaxChannelLength);
+    if (scan.has_extrinsics_channel() && (scan.has_x_m() || scan.has_y_m() || scan.has_yaw_deg())) {
+      return InvalidArgument("scan {}: either extrinsics_channel or x_m, y_m and yaw_deg",
+                             scan.channel());
     }
     if (knots > 4096) {
       return InvalidArgument(
           "scan {}: range_max_m {} is {:.0f} knot intervals of {} m; 4096 are the most",
           scan.channel(), scan.range_max_m(), knots, config.method().knot_interval_m());
+    }
+  }
+  // One transform may serve two scan channels.
+  for (const config::Scan& scan : config.scan()) {
+    if (channels.contains(scan.extrinsics_channel())) {
+      return InvalidArgument("extrinsics_channel {} of scan {} is a channel of scans or poses",
+                             scan.extrinsics_channel(), scan.channel());
     }
   }
   return absl::OkStatus();
@@ -128,13 +163,7 @@ std::optional<std::string> DetectPreset(bool is_planar_lidar, const RangeReading
   if (is_planar_lidar) return "bot_core";
   const std::vector<Utime>& times = first_message.beam_utimes;
   if (times.size() < 2) return std::nullopt;
-  const auto is_near = [&](Utime time) {
-    return time >= first_message.utime - kMaxBeamTimeOffset &&
-           time <= first_message.utime + kMaxBeamTimeOffset;
-  };
-  if (!std::all_of(times.begin(), times.end(), is_near)) return "michigan_2017";
-  const auto [least, greatest] = std::minmax_element(times.begin(), times.end());
-  if (*greatest - *least < std::chrono::milliseconds(10)) return "michigan_2017";
+  if (!HaveUsefulBeamTimes(first_message)) return "michigan_2017";
   const Utime to_first = std::chrono::abs(times.front() - first_message.utime);
   const Utime to_last = std::chrono::abs(times.back() - first_message.utime);
   return to_first <= to_last ? "michigan_2014" : "mbot_2024";
@@ -154,8 +183,14 @@ SensorOptions SensorOptionsOf(const config::Scan& scan, const std::string& prese
   options.range_min_m = merged.range_min_m();
   options.range_max_m = merged.range_max_m();
   options.no_return_is_free = merged.no_return() == "free";
-  options.robot_T_sensor = {{merged.x_m(), merged.y_m()},
-                            merged.yaw_deg() * std::numbers::pi / 180};
+  options.no_return_up_to_m = merged.no_return_up_to_m();
+  for (const std::string& mask : merged.mask()) {
+    options.masks.push_back(ParseMask(mask).value_or(BearingRange{}));  // CheckConfig() saw them
+  }
+  options.every_nth_beam = static_cast<int>(merged.every_nth_beam());
+  options.min_travel_m = merged.min_travel_m();
+  options.min_turn_rad = Radians(merged.min_turn_deg());
+  options.mount.robot_T_sensor = {{merged.x_m(), merged.y_m()}, Radians(merged.yaw_deg())};
   return options;
 }
 

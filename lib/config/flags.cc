@@ -6,11 +6,13 @@
 namespace splinemap {
 
 void AddInputFlags(CLI::App& app, InputFlags& flags) {
-  app.add_option("--scan", flags.scans,
-                 "Scan channel with how to read it; more than once for several. Presets: auto, " +
-                     absl::StrJoin(PresetNames(), ", ") +
-                     ". Options: bearing_sign, time_offset_ms, scan_duration_ms, beam_times, "
-                     "range_min_m, range_max_m, no_return, x_m, y_m, yaw_deg")
+  app.add_option(
+         "--scan", flags.scans,
+         "Scan channel with how to read it; more than once for several. Presets: auto, " +
+             absl::StrJoin(PresetNames(), ", ") +
+             ". Options: bearing_sign, time_offset_ms, scan_duration_ms, beam_times, "
+             "range_min_m, range_max_m, no_return, no_return_up_to_m, mask, every_nth_beam, "
+             "min_travel_m, min_turn_deg, x_m, y_m, yaw_deg, extrinsics_channel")
       ->type_name("CHANNEL[:PRESET][,OPTION=VALUE]...")
       ->allow_extra_args(false);  // what follows may be a file
   app.add_option("--pose", flags.pose, "Channel of the robot's poses in the map frame")

@@ -1,15 +1,32 @@
 #include "lib/pipeline/mapper.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include "lib/base/status.h"
+#include "lib/diagnosis/map_match.h"
 
 namespace splinemap {
 namespace {
 
-// So many scans without pose are a problem and no beginning or end.
-constexpr int64_t kManyScans = 20;
+// So many scans in a row without pose are a problem and no beginning or end.
+constexpr int kManyScans = 20;
+// So many scans in a row at odds with the map are no accident: a walker, an opened door.
+constexpr int kManyAtOdds = 12;
+// A scan is at odds with the map where this share of its hits lies in free space: of a room that is
+// taken to be elsewhere, half of the walls do, and half lie beyond. Of recorded drives a few
+// percent.
+constexpr double kAtOdds = 0.35;
+constexpr int kMinHits = 10;
+
+// What the flags are tried on, once in the first seconds. Some 50 ms of work.
+constexpr size_t kDriveScans = 40;
+constexpr size_t kDriveBeams = 90;
+// Other flags are suggested where they gain at least this.
+constexpr double kClearlySharper = 0.8;
+// Time stamps so far apart are not those of one clock.
+constexpr int64_t kOtherClock_ms = 1000;
 
 // Poses further out are refused, so that no beam leaves the range of kMaxKnotIndex.
 double MaxCoordinate(const MapOptions& options) {
@@ -25,30 +42,35 @@ Mapper::Mapper(const config::Config& config, MapOptions map_options, Layer& laye
       layer_(layer),
       max_tiles_((size_t{config.service().max_map_mb()} << 20) / sizeof(Tile)),
       beam_model_(BeamModelOptionsOf(config.method()), map_options.knot_interval_m),
-      queue_(ScanQueueOptionsOf(config.timing()), config.scan_size()) {
+      queue_(ScanQueueOptionsOf(config.timing()), config.scan_size()),
+      noticed_(queue_.counts()) {
   channels_.push_back(pose_channel_);
   for (const config::Scan& scan : config.scan()) {
     channels_.push_back(scan.channel());
-    scan_channels_.push_back({scan, std::nullopt});
+    ScanChannel& channel = scan_channels_.emplace_back();
+    channel.config = scan;
     if (scan.preset() != "auto") {
-      scan_channels_.back().options = SensorOptionsOf(scan, scan.preset());
+      channel.preset = scan.preset();
+      channel.options = SensorOptionsOf(scan, channel.preset);
     }
+    channel.drive = std::make_unique<DriveSample>(kDriveScans, kDriveBeams);
+    if (scan.has_extrinsics_channel()) channels_.push_back(scan.extrinsics_channel());
   }
+  std::sort(channels_.begin(), channels_.end());
+  channels_.erase(std::unique(channels_.begin(), channels_.end()), channels_.end());
 }
 
 void Mapper::HandleMessage(const std::string& channel, absl::Span<const uint8_t> message) {
-  const auto count_message = [&] {
-    ++counts_.messages_received;
-    counts_.bytes_received += static_cast<int64_t>(message.size());
-  };
-  if (channel == pose_channel_) {
-    count_message();
-    HandlePose(message);
-  }
+  if (!std::binary_search(channels_.begin(), channels_.end(), channel)) return;
+  ++counts_.messages_received;
+  counts_.bytes_received += static_cast<int64_t>(message.size());
+  if (channel == pose_channel_) HandlePose(message);
   for (size_t k = 0; k < scan_channels_.size(); ++k) {
-    if (channel != scan_channels_[k].config.channel()) continue;
-    count_message();
-    HandleScan(static_cast<int>(k), message);
+    ScanChannel& scan_channel = scan_channels_[k];
+    if (channel == scan_channel.config.channel()) HandleScan(static_cast<int>(k), message);
+    if (channel == scan_channel.config.extrinsics_channel()) {
+      HandleExtrinsics(scan_channel, message);
+    }
   }
 }
 
@@ -61,36 +83,74 @@ void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message) {
   ++counts_.scans_received;
   ScanChannel& scan_channel = scan_channels_[channel];
   const std::string& name = scan_channel.config.channel();
-  const absl::StatusOr<RangeReadings> readings = DecodeScan(message);
+  const std::optional<MessageType> type = TypeOf(message);
+  absl::StatusOr<RangeReadings> readings = DecodeScan(message);
   if (!readings.ok()) {
-    Drop(DropReason::kMalformedScan, name, ErrorText(readings.status()));
+    Drop(type && IsScan(*type) ? DropReason::kMalformedScan : DropReason::kWrongType, name,
+         ErrorText(readings.status()));
     return;
   }
-  if (!scan_channel.options) {
-    const std::optional<std::string> preset =
-        DetectPreset(TypeOf(message) == MessageType::kPlanarLidar, *readings);
-    if (!preset) {
-      Drop(DropReason::kUnusableScan, name, "has too few beams to tell its preset");
+  if (!scan_channel.options && !ChooseOptions(scan_channel, *type, *readings)) return;
+  SensorOptions& options = *scan_channel.options;
+  if (scan_channel.config.has_extrinsics_channel()) {
+    if (!scan_channel.mount) {
+      Drop(DropReason::kNoExtrinsics, name, DropExplanation(DropReason::kNoExtrinsics));
       return;
     }
-    scan_channel.options = SensorOptionsOf(scan_channel.config, *preset);
-    notices_.push_back({false, fmt::format("{}: read with preset {}, told from the first message",
-                                           name, *preset)});
+    options.mount = *scan_channel.mount;
   }
-  absl::StatusOr<Scan> scan = PrepareScan(*readings, *scan_channel.options, channel);
+  absl::StatusOr<Scan> scan = PrepareScan(*readings, options, channel);
   if (!scan.ok()) {
     Drop(DropReason::kUnusableScan, name, ErrorText(scan.status()));
     return;
   }
+  if (options.use_beam_times && readings->beam_utimes.size() > 1 &&
+      !HaveUsefulBeamTimes(*readings)) {
+    Find(Symptom::kUselessBeamTimes, name,
+         "the beam times of its scans are all the same, so each scan is placed as one instant; set "
+         "beam_times=false and scan_duration_ms, as preset michigan_2017 does");
+  }
+  if (scan_channel.drive) {
+    scan_channel.drive->AddScan(*std::move(readings), options.time_offset);
+    TryOtherFlags(scan_channel);
+  }
+  scan_channel.newest_utime = scan->utime;
   queue_.AddScan(*std::move(scan));
   MapReadyScans();
+}
+
+bool Mapper::ChooseOptions(ScanChannel& channel, MessageType type, const RangeReadings& readings) {
+  const std::string& name = channel.config.channel();
+  const auto preset = DetectPreset(type == MessageType::kPlanarLidar, readings);
+  if (!preset) {
+    Drop(DropReason::kUnusableScan, name, "has too few beams to tell its preset");
+    return false;
+  }
+  channel.preset = *preset;
+  channel.options = SensorOptionsOf(channel.config, *preset);
+  notices_.Add(false, "preset " + name,
+               fmt::format("{}: read with preset {}, told from the first message", name, *preset));
+  return true;
+}
+
+void Mapper::HandleExtrinsics(ScanChannel& channel, absl::Span<const uint8_t> message) {
+  const absl::StatusOr<SensorMount> mount = DecodeSensorMount(message);
+  if (!mount.ok()) {
+    Drop(TypeOf(message) == MessageType::kRigidTransform ? DropReason::kMalformedExtrinsics
+                                                         : DropReason::kWrongType,
+         channel.config.extrinsics_channel(), ErrorText(mount.status()));
+    return;
+  }
+  channel.mount = *mount;
 }
 
 void Mapper::HandlePose(absl::Span<const uint8_t> message) {
   ++counts_.poses_received;
   const absl::StatusOr<TimedPose> pose = DecodePose(message);
   if (!pose.ok()) {
-    Drop(DropReason::kMalformedPose, pose_channel_, ErrorText(pose.status()));
+    const auto type = TypeOf(message);
+    Drop(type && IsPose(*type) ? DropReason::kMalformedPose : DropReason::kWrongType, pose_channel_,
+         ErrorText(pose.status()));
     return;
   }
   if (const Eigen::Vector2d& p = pose->world_T_robot.position_m;
@@ -99,7 +159,13 @@ void Mapper::HandlePose(absl::Span<const uint8_t> message) {
          fmt::format("pose at ({}, {}) m; {:.0f} m is the most", p.x(), p.y(), max_coordinate_m_));
     return;
   }
+  newest_pose_utime_ = pose->utime;
   queue_.AddPose(*pose);
+  for (ScanChannel& channel : scan_channels_) {
+    if (!channel.drive) continue;
+    channel.drive->AddPose(*pose);
+    TryOtherFlags(channel);
+  }
   MapReadyScans();
 }
 
@@ -109,25 +175,73 @@ void Mapper::MapReadyScans() {
 }
 
 void Mapper::MapScan(const PlacedScan& scan) {
+  ScanChannel& channel = scan_channels_[scan.channel];
+  const std::string& name = channel.config.channel();
   if (layer_.tiles().size() >= max_tiles_) {
-    Drop(DropReason::kMapFull, scan_channels_[scan.channel].config.channel(),
-         DropExplanation(DropReason::kMapFull));
+    Drop(DropReason::kMapFull, name, DropExplanation(DropReason::kMapFull));
     return;
   }
+  if (!HasMoved(channel, scan.world_T_robot)) {
+    ++counts_.drops[DropReason::kStoodStill];  // as configured: nothing to say
+    return;
+  }
+  CheckAgainstMap(channel, scan);
   beam_model_.Accumulate(scan.beams, scratch_);
   scratch_.CommitTo(layer_, map_options_.limits);
   ++counts_.scans_mapped;
   counts_.beams_mapped += static_cast<int64_t>(scan.beams.size());
   newest_scan_utime_ = scan.utime;
-  without_pose_before_ = queue_.counts().drops[DropReason::kScanWithoutPose];
-  if (std::exchange(is_lost_, false)) notices_.push_back({false, "scans have poses again"});
+  channel.last_world_T_robot = scan.world_T_robot;
+}
+
+bool Mapper::HasMoved(const ScanChannel& channel, const Pose2& world_T_robot) const {
+  const SensorOptions& options = *channel.options;
+  const bool is_filtered = options.min_travel_m > 0 || options.min_turn_rad > 0;
+  if (!is_filtered || !channel.last_world_T_robot) return true;
+  const Pose2& last = *channel.last_world_T_robot;
+  const double travel_m = (world_T_robot.position_m - last.position_m).norm();
+  const double turn_rad = std::abs(WrapAngle(world_T_robot.yaw_rad - last.yaw_rad));
+  return (options.min_travel_m > 0 && travel_m >= options.min_travel_m) ||
+         (options.min_turn_rad > 0 && turn_rad >= options.min_turn_rad);
+}
+
+void Mapper::CheckAgainstMap(ScanChannel& channel, const PlacedScan& scan) {
+  const HitsInMap hits = LookUpHits(scan, layer_.tiles(), map_options_.knot_interval_m);
+  if (hits.looked_up < kMinHits) return;
+  const bool at_odds = hits.in_free > kAtOdds * hits.looked_up;
+  channel.disagreeing_in_a_row = at_odds ? channel.disagreeing_in_a_row + 1 : 0;
+  if (channel.disagreeing_in_a_row != kManyAtOdds) return;
+  channel.disagreeing_in_a_row = 0;
+  Find(Symptom::kMapDisagrees, channel.config.channel(),
+       fmt::format("{} scans in a row do not match the map: many of their hits lie where it is "
+                   "free. Did the localisation on {} jump, or does it drift? Is it in another "
+                   "frame or clock than when the map was made?",
+                   kManyAtOdds, pose_channel_));
+}
+
+void Mapper::TryOtherFlags(ScanChannel& channel) {
+  if (!channel.drive->full()) return;
+  const std::unique_ptr<DriveSample> drive = std::move(channel.drive);
+  const auto proposal = SearchFlags(*drive, *channel.options);
+  if (!proposal || proposal->spread > kClearlySharper * proposal->spread_given) return;
+  const std::string& name = channel.config.channel();
+  Find(Symptom::kFlagsDisagree, name,
+       fmt::format("read otherwise it gives a sharper map: hits lie in {:.0f} cells of 5 cm, and "
+                   "in {:.0f} as it is read now. Try --scan {}",
+                   proposal->spread, proposal->spread_given,
+                   ScanFlag(name, channel.preset, proposal->options)));
 }
 
 void Mapper::Drop(DropReason reason, const std::string& channel, const std::string& explanation) {
-  if (counts_.drops[reason]++ == 0) {
-    notices_.push_back(
-        {true, fmt::format("dropped {} on {}: {}", DropName(reason), channel, explanation)});
-  }
+  ++counts_.drops[reason];
+  notices_.Add(true, fmt::format("{} {}", DropName(reason), channel),
+               fmt::format("dropped {} on {}: {}", DropName(reason), channel, explanation));
+}
+
+void Mapper::Find(Symptom symptom, const std::string& channel, std::string text) {
+  ++counts_.symptoms[static_cast<int>(symptom)];
+  notices_.Add(true, fmt::format("{} {}", SymptomName(symptom), channel),
+               fmt::format("{}: {}", channel, text));
 }
 
 void Mapper::NoticeQueueDrops() {
@@ -135,21 +249,47 @@ void Mapper::NoticeQueueDrops() {
   for (int k = 0; k < kNumDropReasons; ++k) {
     const auto reason = static_cast<DropReason>(k);
     if (reason == DropReason::kScanWithoutPose) continue;  // a few are usual; see below
-    if (counts.drops[reason] > 0 && noticed_.drops[reason] == 0) {
-      notices_.push_back(
-          {true, fmt::format("dropped {}: {}", DropName(reason), DropExplanation(reason))});
+    if (counts.drops[reason] > noticed_.drops[reason]) {
+      notices_.Add(true, DropName(reason),
+                   fmt::format("dropped {}: {}", DropName(reason), DropExplanation(reason)));
     }
   }
-  const int64_t in_a_row = counts.drops[DropReason::kScanWithoutPose] - without_pose_before_;
-  if (in_a_row >= kManyScans && !std::exchange(is_lost_, true)) {
-    notices_.push_back({true, fmt::format("{} scans in a row without poses before and after them; "
-                                          "does {} come, and share a clock with the scans?",
-                                          in_a_row, pose_channel_)});
+  for (size_t k = 0; k < scan_channels_.size(); ++k) {
+    NoticeMissingPoses(static_cast<int>(k));
   }
-  if (counts.time_jumps > 0 && noticed_.time_jumps == 0) {
-    notices_.push_back({true, "message time jumped back (a log was rewound?); the map is kept"});
+  if (counts.time_jumps > noticed_.time_jumps) {
+    Find(Symptom::kTimeJump, pose_channel_,
+         "message time jumped back (a log was rewound?); the map is kept");
   }
   noticed_ = counts;
+}
+
+void Mapper::NoticeMissingPoses(int index) {
+  ScanChannel& channel = scan_channels_[index];
+  const int64_t in_a_row = queue_.counts().without_pose_in_a_row[index];
+  const std::string& name = channel.config.channel();
+  if (in_a_row == 0 && std::exchange(channel.is_lost, false)) {
+    notices_.Add(false, "poses again " + name, name + ": scans have poses again");
+  }
+  if (in_a_row / kManyScans <= noticed_.without_pose_in_a_row[index] / kManyScans) return;
+  channel.is_lost = true;
+  Find(Symptom::kWithoutPoses, name,
+       fmt::format("{} scans in a row have no poses before and after them. {}", in_a_row,
+                   WhyWithoutPoses(index)));
+}
+
+std::string Mapper::WhyWithoutPoses(int index) const {
+  const ScanChannel& channel = scan_channels_[index];
+  if (!newest_pose_utime_) return fmt::format("No pose came on {}", pose_channel_);
+  const int64_t ahead_ms = (*channel.newest_utime - *newest_pose_utime_).count() / 1000;
+  if (std::abs(ahead_ms) < kOtherClock_ms) {
+    return fmt::format("Do poses come regularly on {}?", pose_channel_);
+  }
+  return fmt::format(
+      "They are stamped {:.1f} s {} the poses of {}. Has {} stopped, or is it another clock? If it "
+      "is, and always as far off: time_offset_ms={}",
+      std::abs(static_cast<double>(ahead_ms)) / 1000, ahead_ms > 0 ? "after" : "before",
+      pose_channel_, pose_channel_, channel.options->time_offset.count() / 1000 - ahead_ms);
 }
 
 MapperCounts Mapper::counts() const {
@@ -157,7 +297,5 @@ MapperCounts Mapper::counts() const {
   counts.drops += queue_.counts().drops;
   return counts;
 }
-
-std::vector<Notice> Mapper::TakeNotices() { return std::exchange(notices_, {}); }
 
 }  // namespace splinemap

@@ -1,16 +1,19 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/types/span.h"
 #include "lib/config/config.h"
+#include "lib/diagnosis/flag_search.h"
 #include "lib/map/layer.h"
 #include "lib/map/map.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
+#include "lib/pipeline/notice.h"
 #include "lib/sensing/drop_counts.h"
 #include "lib/sensing/scan_queue.h"
 #include "lib/wire/decode.h"
@@ -26,12 +29,7 @@ struct MapperCounts {
   int64_t scans_mapped = 0;
   int64_t beams_mapped = 0;
   DropCounts drops;
-};
-
-// What a person should know. A problem wants something done about it.
-struct Notice {
-  bool is_problem = true;
-  std::string text;
+  SymptomCounts symptoms{};
 };
 
 // From LCM messages to commits: decode, bring scans and poses together, accumulate, commit. The
@@ -56,22 +54,36 @@ class Mapper {
   size_t scans_queued() const { return queue_.size(); }
   Utime newest_scan_utime() const { return newest_scan_utime_; }
 
-  // What is new since the last call, each thing once: chosen presets, the first drop of each kind,
-  // jumps in time; and each time that poses fail to come for many scans, or come again.
-  std::vector<Notice> TakeNotices();
+  // What happened since the last call: chosen presets, drops by kind and channel, symptoms.
+  std::vector<Notice> TakeNotices() { return notices_.Take(); }
 
  private:
   struct ScanChannel {
     config::Scan config;
     std::optional<SensorOptions> options;  // known from the first message on
+    std::optional<SensorMount> mount;      // newest of its extrinsics_channel
+    std::unique_ptr<DriveSample> drive;    // until the flags were tried on it
+    std::string preset;
+    std::optional<Utime> newest_utime;        // of its scans, time offset included
+    std::optional<Pose2> last_world_T_robot;  // of its last scan mapped
+    int disagreeing_in_a_row = 0;             // scans whose hits lie in free space
+    bool is_lost = false;                     // many scans in a row had no pose
   };
 
   void HandleScan(int channel, absl::Span<const uint8_t> message);
   void HandlePose(absl::Span<const uint8_t> message);
+  void HandleExtrinsics(ScanChannel& channel, absl::Span<const uint8_t> message);
+  bool ChooseOptions(ScanChannel& channel, MessageType type, const RangeReadings& readings);
   void MapReadyScans();
-  void Drop(DropReason reason, const std::string& channel, const std::string& explanation);
   void MapScan(const PlacedScan& scan);
+  bool HasMoved(const ScanChannel& channel, const Pose2& world_T_robot) const;
+  void Drop(DropReason reason, const std::string& channel, const std::string& explanation);
+  void Find(Symptom symptom, const std::string& channel, std::string text);
   void NoticeQueueDrops();
+  void NoticeMissingPoses(int index);
+  std::string WhyWithoutPoses(int index) const;
+  void CheckAgainstMap(ScanChannel& channel, const PlacedScan& scan);
+  void TryOtherFlags(ScanChannel& channel);
 
   std::vector<std::string> channels_;
   std::string pose_channel_;
@@ -85,10 +97,9 @@ class Mapper {
   ScanScratch scratch_;
   MapperCounts counts_;
   Utime newest_scan_utime_{0};
-  ScanQueueCounts noticed_;          // counts of queue_ that were noticed
-  int64_t without_pose_before_ = 0;  // scans without pose, when a scan was mapped last
-  bool is_lost_ = false;             // many scans in a row had no pose
-  std::vector<Notice> notices_;
+  ScanQueueCounts noticed_;  // counts of queue_ that were noticed
+  std::optional<Utime> newest_pose_utime_;
+  NoticeList notices_;
 };
 
 }  // namespace splinemap

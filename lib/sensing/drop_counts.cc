@@ -10,10 +10,15 @@ struct Words {
 
 Words WordsOf(DropReason reason) {
   switch (reason) {
+    case DropReason::kWrongType:
+      return {"wrong_type",
+              "the channel carries another type of message than it is configured for"};
     case DropReason::kMalformedScan:
       return {"malformed_scan", "the message cannot be decoded"};
     case DropReason::kUnusableScan:
       return {"unusable_scan", "the message does not fit the options of its channel"};
+    case DropReason::kNoExtrinsics:
+      return {"no_extrinsics", "no transform has come yet on the extrinsics_channel of the scans"};
     case DropReason::kDuplicateScan:
       return {"duplicate_scan", "a scan repeats the time stamp of an earlier one"};
     case DropReason::kLateScan:
@@ -34,6 +39,10 @@ Words WordsOf(DropReason reason) {
       return {"pose_out_of_range", "a pose lies beyond what can be mapped"};
     case DropReason::kDuplicatePose:
       return {"duplicate_pose", "a pose repeats the time stamp of an earlier one, or is very late"};
+    case DropReason::kMalformedExtrinsics:
+      return {"malformed_extrinsics", "the transform of a sensor cannot be used"};
+    case DropReason::kStoodStill:
+      return {"stood_still", "the robot had moved less than min_travel_m and min_turn_deg"};
     case DropReason::kMapFull:
       return {"map_full", "the map has reached service { max_map_mb }"};
     case DropReason::kOverload:

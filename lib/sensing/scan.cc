@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <optional>
 
 #include "lib/base/status.h"
@@ -9,12 +10,16 @@
 namespace splinemap {
 namespace {
 
+using std::chrono::milliseconds;
+
 // What a reading means, or nothing.
 std::optional<Beam> Interpret(float range_m, const SensorOptions& options) {
   Beam beam;
   // A reading of 0 is the commonest way to say "no return", beside infinity and the maximum.
   // Limits as floats: a sensor that reports its maximum reports that float.
-  const bool no_return = range_m == 0 || range_m >= static_cast<float>(options.range_max_m);
+  const bool no_return =
+      (range_m >= 0 && range_m <= static_cast<float>(options.no_return_up_to_m)) ||
+      range_m >= static_cast<float>(options.range_max_m);
   if (no_return) {
     if (!options.no_return_is_free) return std::nullopt;
     beam.range_m = static_cast<float>(options.range_max_m);
@@ -24,6 +29,14 @@ std::optional<Beam> Interpret(float range_m, const SensorOptions& options) {
   if (!(range_m >= static_cast<float>(options.range_min_m))) return std::nullopt;  // also NaN
   beam.range_m = range_m;
   return beam;
+}
+
+bool IsMasked(double bearing_rad, const std::vector<BearingRange>& masks) {
+  return std::any_of(masks.begin(), masks.end(), [&](const BearingRange& mask) {
+    const double past_from_rad = WrapAngle(bearing_rad - mask.from_rad);
+    return (past_from_rad < 0 ? past_from_rad + 2 * std::numbers::pi : past_from_rad) <=
+           mask.span_rad;
+  });
 }
 
 // From the scan's time stamp; nothing where it is too far away to be true.
@@ -41,6 +54,14 @@ std::optional<Utime> BeamTime(const RangeReadings& readings, const SensorOptions
 
 }  // namespace
 
+bool HaveUsefulBeamTimes(const RangeReadings& readings) {
+  const std::vector<Utime>& times = readings.beam_utimes;
+  if (times.size() < 2) return false;
+  const auto [least, greatest] = std::minmax_element(times.begin(), times.end());
+  return *least >= readings.utime - kMaxBeamTimeOffset &&
+         *greatest <= readings.utime + kMaxBeamTimeOffset && *greatest - *least >= milliseconds(10);
+}
+
 absl::StatusOr<Scan> PrepareScan(const RangeReadings& readings, const SensorOptions& options,
                                  int channel) {
   const size_t count = readings.ranges_m.size();
@@ -53,12 +74,14 @@ absl::StatusOr<Scan> PrepareScan(const RangeReadings& readings, const SensorOpti
   Scan scan;
   scan.channel = channel;
   scan.utime = readings.utime + options.time_offset;
-  scan.robot_T_sensor = options.robot_T_sensor;
+  scan.robot_T_sensor = options.mount.robot_T_sensor;
+  const int sign = options.mount.is_upside_down ? -options.bearing_sign : options.bearing_sign;
   scan.beams.reserve(count);
-  for (size_t k = 0; k < count; ++k) {
+  for (size_t k = 0; k < count; k += options.every_nth_beam) {
     std::optional<Beam> beam = Interpret(readings.ranges_m[k], options);
     if (!beam || !std::isfinite(readings.bearings_rad[k])) continue;
-    beam->bearing_rad = static_cast<float>(options.bearing_sign) * readings.bearings_rad[k];
+    beam->bearing_rad = static_cast<float>(sign) * readings.bearings_rad[k];
+    if (IsMasked(beam->bearing_rad, options.masks)) continue;
     const std::optional<Utime> time_offset = BeamTime(readings, options, k);
     if (!time_offset) {
       return InvalidArgument(

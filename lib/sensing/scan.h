@@ -18,6 +18,10 @@ struct RangeReadings {
   std::vector<Utime> beam_utimes;   // as many as ranges_m, or empty
 };
 
+// Whether the beam times of a message may tell when its beams were: there are some, each near the
+// message's time, and they are not all the same (to 10 ms), as from drivers that stamp whole scans.
+bool HaveUsefulBeamTimes(const RangeReadings& readings);
+
 // One beam that says something about the world.
 struct Beam {
   float range_m = 0;
@@ -51,9 +55,10 @@ inline constexpr int kMaxBeams = 16384;
 // broken.
 inline constexpr Utime kMaxBeamTimeOffset = std::chrono::seconds(2);
 
-// Applies `options`: sense of rotation, times, range limits and the rule for no returns. Beams that
-// say nothing (NaN, negative, below the minimum, no return where that is ignored) are left out.
-// InvalidArgument for more than kMaxBeams and for beam times that cannot be true.
+// Applies `options`: sense of rotation, times, range limits, masks and the rule for no returns.
+// Beams that say nothing (NaN, negative, below the minimum, masked, no return where that is
+// ignored) are left out. InvalidArgument for more than kMaxBeams and for beam times that cannot be
+// true.
 absl::StatusOr<Scan> PrepareScan(const RangeReadings& readings, const SensorOptions& options,
                                  int channel);
 

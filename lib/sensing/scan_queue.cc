@@ -6,7 +6,9 @@
 namespace splinemap {
 
 ScanQueue::ScanQueue(ScanQueueOptions options, int num_channels)
-    : options_(options), poses_(options.pose_history), newest_scan_(num_channels) {}
+    : options_(options), poses_(options.pose_history), newest_scan_(num_channels) {
+  counts_.without_pose_in_a_row.resize(num_channels);
+}
 
 void ScanQueue::AddPose(const TimedPose& pose) {
   if (!poses_.empty() && pose.utime < poses_.newest() - options_.time_jump) {
@@ -30,7 +32,12 @@ void ScanQueue::AddScan(Scan scan) {
   }
   newest = std::max(newest.value_or(scan.utime), scan.utime);
   if (last_placed_ && key <= *last_placed_) {
-    ++counts_.drops[DropReason::kLateScan];
+    // A clock that is far behind is worth other words than a message that came late.
+    if (poses_.empty() || scan.utime < poses_.oldest()) {
+      CountWithoutPose(scan);
+    } else {
+      ++counts_.drops[DropReason::kLateScan];
+    }
   } else {
     beams_waiting_ += scan.beams.size();
     waiting_.emplace(key, std::move(scan));
@@ -84,14 +91,17 @@ void ScanQueue::Drain(bool end_of_input) {
     if (fate == Fate::kPlace) {
       Place(scan);
     } else {
-      ++counts_.drops[DropReason::kScanWithoutPose];
+      CountWithoutPose(scan);
     }
     DropOldest();
   }
 }
 
 void ScanQueue::Place(const Scan& scan) {
-  PlacedScan placed{scan.channel, scan.utime, {}};
+  counts_.without_pose_in_a_row[scan.channel] = 0;
+  PlacedScan placed;
+  placed.channel = scan.channel;
+  placed.utime = scan.utime;
   placed.beams.reserve(scan.beams.size());
   std::optional<Utime> pose_time;
   Pose2 world_T_sensor;
@@ -111,8 +121,15 @@ void ScanQueue::Place(const Scan& scan) {
                             double{beam.range_m},
                             beam.hit});
   }
+  // first_beam <= 0 <= last_beam: poses are on both sides of the scan's own time, too.
+  placed.world_T_robot = Interpolate(*poses_.Find(scan.utime), scan.utime);
   last_placed_ = {scan.utime, scan.channel};
   ready_.push_back(std::move(placed));
+}
+
+void ScanQueue::CountWithoutPose(const Scan& scan) {
+  ++counts_.drops[DropReason::kScanWithoutPose];
+  ++counts_.without_pose_in_a_row[scan.channel];
 }
 
 void ScanQueue::DropOldest() {

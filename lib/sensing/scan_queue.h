@@ -32,6 +32,7 @@ struct ScanQueueOptions {
 struct PlacedScan {
   int channel = 0;
   Utime utime{0};
+  Pose2 world_T_robot;  // at utime
   std::vector<PlacedBeam> beams;
 };
 
@@ -39,6 +40,8 @@ struct PlacedScan {
 struct ScanQueueCounts {
   DropCounts drops;
   int64_t time_jumps = 0;  // back, further than time_jump
+  // By channel: scans without pose since the last one that was placed.
+  std::vector<int64_t> without_pose_in_a_row;
 };
 
 // Brings scans into order of (utime, channel) and places their beams by interpolated poses. What
@@ -74,6 +77,7 @@ class ScanQueue {
   bool OtherChannelsReached(const Scan& scan) const;
   void Drain(bool end_of_input);
   void Place(const Scan& scan);
+  void CountWithoutPose(const Scan& scan);
   void DropOldest();
 
   ScanQueueOptions options_;

@@ -2,9 +2,11 @@
 
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include "lcmtypes/bot_core/planar_lidar_t.hpp"
 #include "lcmtypes/bot_core/pose_t.hpp"
+#include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
@@ -14,6 +16,8 @@ namespace splinemap {
 namespace {
 
 constexpr size_t kFingerprintBytes = 8;
+// Sensors that look this far out of the horizontal plane make no planar map.
+constexpr double kMaxTilt_rad = 10 * std::numbers::pi / 180;
 constexpr int64_t kMaxUtime = int64_t{230} * 365 * 86'400 * 1'000'000;
 
 // Walks over the fields of a message without decoding them, to see whether its counts add up to its
@@ -74,6 +78,9 @@ bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
     case MessageType::kMichiganPose:
       walk.Skip(8 + 4 * 3);
       break;
+    case MessageType::kRigidTransform:
+      walk.Skip(8 + 8 * (3 + 4));
+      break;
     case MessageType::kStatus: {
       walk.Skip(8);
       walk.String();  // name
@@ -83,6 +90,9 @@ bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
       const size_t reasons = walk.Count();
       walk.Strings(reasons);
       walk.Skip(8 * reasons);
+      const size_t problems = walk.Count();
+      walk.Strings(problems);
+      walk.Skip(8 * problems);
       walk.Skip(4 * 2 + 8 * 8);
       walk.String();  // last_problem
       break;
@@ -96,6 +106,13 @@ absl::Status CheckUtime(int64_t utime) {
     return InvalidArgument("time stamp {} us is no plausible time", utime);
   }
   return absl::OkStatus();
+}
+
+absl::Status CheckUnitQuaternion(const char* type, const double q[4]) {
+  const double squared_norm = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
+  if (std::abs(std::sqrt(squared_norm) - 1) < 0.01) return absl::OkStatus();
+  return InvalidArgument("{} whose orientation is no unit quaternion: {} {} {} {}", type, q[0],
+                         q[1], q[2], q[3]);
 }
 
 template <typename Message>
@@ -143,11 +160,7 @@ absl::StatusOr<TimedPose> DecodeBotCorePose(absl::Span<const uint8_t> bytes) {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto message,
                              Decode<bot_core::pose_t>(MessageType::kPose, bytes));
   const double* q = message.orientation;
-  const double squared_norm = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
-  if (!(std::abs(std::sqrt(squared_norm) - 1) < 0.01)) {
-    return InvalidArgument("pose_t whose orientation is no unit quaternion: {} {} {} {}", q[0],
-                           q[1], q[2], q[3]);
-  }
+  SPLINEMAP_RETURN_IF_ERROR(CheckUnitQuaternion("pose_t", q));
   return TimedPose{Utime(message.utime),
                    {{message.pos[0], message.pos[1]}, YawOfQuaternion(q[0], q[1], q[2], q[3])}};
 }
@@ -160,9 +173,7 @@ absl::StatusOr<TimedPose> DecodeMichiganPose(absl::Span<const uint8_t> bytes) {
 }
 
 absl::Status UnknownType(absl::Span<const uint8_t> message, const char* expected) {
-  const auto fingerprint = FingerprintOf(message);
-  if (!fingerprint) return InvalidArgument("{} bytes that are no LCM message", message.size());
-  return InvalidArgument("message of fingerprint {:#018x}; {}", *fingerprint, expected);
+  return InvalidArgument("{}; {}", Describe(message), expected);
 }
 
 }  // namespace
@@ -177,6 +188,8 @@ const char* TypeName(MessageType type) {
       return "lidar_t";
     case MessageType::kMichiganPose:
       return "pose_xyt_t";
+    case MessageType::kRigidTransform:
+      return "bot_core.rigid_transform_t";
     case MessageType::kStatus:
       return "splinemap.status_t";
   }
@@ -189,6 +202,18 @@ bool IsScan(MessageType type) {
 
 bool IsPose(MessageType type) {
   return type == MessageType::kPose || type == MessageType::kMichiganPose;
+}
+
+std::string Describe(absl::Span<const uint8_t> message) {
+  // Of the Michigan stacks; only named, never read.
+  constexpr uint64_t kOccupancyGrid = 0xd5447e494a66cc92;
+  const auto fingerprint = FingerprintOf(message);
+  if (!fingerprint) return fmt::format("{} bytes that are no LCM message", message.size());
+  const auto type = TypeOf(message);
+  return fmt::format("a message of fingerprint {:#018x}, which is {}", *fingerprint,
+                     type                            ? TypeName(*type)
+                     : fingerprint == kOccupancyGrid ? "an occupancy_grid_t"
+                                                     : "of no type that splinemap knows");
 }
 
 std::optional<uint64_t> FingerprintOf(absl::Span<const uint8_t> message) {
@@ -206,6 +231,7 @@ std::optional<MessageType> TypeOf(absl::Span<const uint8_t> message) {
   if (hash == bot_core::pose_t::getHash()) return MessageType::kPose;
   if (hash == michigan::lidar_t::getHash()) return MessageType::kMichiganLidar;
   if (hash == michigan::pose_xyt_t::getHash()) return MessageType::kMichiganPose;
+  if (hash == bot_core::rigid_transform_t::getHash()) return MessageType::kRigidTransform;
   if (hash == status_t::getHash()) return MessageType::kStatus;
   return std::nullopt;
 }
@@ -230,6 +256,33 @@ absl::StatusOr<TimedPose> DecodePose(absl::Span<const uint8_t> message) {
     return InvalidArgument("pose that is not finite");
   }
   return pose;
+}
+
+absl::StatusOr<SensorMount> DecodeSensorMount(absl::Span<const uint8_t> message) {
+  if (TypeOf(message) != MessageType::kRigidTransform) {
+    return UnknownType(message, "extrinsics are a bot_core.rigid_transform_t");
+  }
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto transform, Decode<bot_core::rigid_transform_t>(
+                                                       MessageType::kRigidTransform, message));
+  const double* q = transform.quat;
+  SPLINEMAP_RETURN_IF_ERROR(CheckUnitQuaternion("rigid_transform_t", q));
+  // The z component of the sensor's z axis.
+  const double turned_about_z = q[0] * q[0] + q[3] * q[3];
+  const double turned_over = q[1] * q[1] + q[2] * q[2];
+  const double up = (turned_about_z - turned_over) / (turned_about_z + turned_over);
+  const SensorMount mount{.robot_T_sensor = {{transform.trans[0], transform.trans[1]},
+                                             YawOfQuaternion(q[0], q[1], q[2], q[3])},
+                          .is_upside_down = up < 0};
+  if (!(mount.robot_T_sensor.position_m.norm() <= kMaxSensorDistance_m)) {
+    return InvalidArgument("rigid_transform_t that puts the sensor at ({}, {}) m; {} m is the most",
+                           transform.trans[0], transform.trans[1], kMaxSensorDistance_m);
+  }
+  if (const double tilt_rad = std::acos(std::min(std::abs(up), 1.0)); tilt_rad > kMaxTilt_rad) {
+    return InvalidArgument(
+        "rigid_transform_t that tilts the sensor by {:.0f} degrees; a planar map takes {:.0f}",
+        tilt_rad * 180 / std::numbers::pi, kMaxTilt_rad * 180 / std::numbers::pi);
+  }
+  return mount;
 }
 
 absl::StatusOr<status_t> DecodeStatus(absl::Span<const uint8_t> message) {

@@ -9,17 +9,29 @@
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/sensing/pose_buffer.h"
 #include "lib/sensing/scan.h"
+#include "lib/sensing/sensor_options.h"
 
 namespace splinemap {
 
 // The types of message that splinemap reads. Each stands for a family: an LCM fingerprint covers
 // member names and types, not the names of struct and package.
-enum class MessageType { kPlanarLidar, kPose, kMichiganLidar, kMichiganPose, kStatus };
+enum class MessageType {
+  kPlanarLidar,
+  kPose,
+  kMichiganLidar,
+  kMichiganPose,
+  kRigidTransform,
+  kStatus
+};
 
 // As users know it: "bot_core.planar_lidar_t", ...
 const char* TypeName(MessageType type);
 bool IsScan(MessageType type);
 bool IsPose(MessageType type);
+
+// What a message is, for people: the type's name, or the fingerprint and what is known of it, or
+// that it is no LCM message.
+std::string Describe(absl::Span<const uint8_t> message);
 
 // The first eight bytes, or nothing where there are fewer.
 std::optional<uint64_t> FingerprintOf(absl::Span<const uint8_t> message);
@@ -28,9 +40,11 @@ std::optional<MessageType> TypeOf(absl::Span<const uint8_t> message);
 // Decode what any process may have put on the bus. Every count is checked against the bytes
 // received before anything is allocated. InvalidArgument in words for another type, a wrong size, a
 // time stamp that is negative or beyond the year 2200, a pose that is not finite or whose
-// quaternion is not of unit length (to 1 %).
+// quaternion is not of unit length (to 1 %), a sensor that is tilted by more than 10 degrees.
 absl::StatusOr<RangeReadings> DecodeScan(absl::Span<const uint8_t> message);
 absl::StatusOr<TimedPose> DecodePose(absl::Span<const uint8_t> message);
+// A bot_core.rigid_transform_t that maps the sensor's frame into the robot's.
+absl::StatusOr<SensorMount> DecodeSensorMount(absl::Span<const uint8_t> message);
 absl::StatusOr<status_t> DecodeStatus(absl::Span<const uint8_t> message);
 
 }  // namespace splinemap

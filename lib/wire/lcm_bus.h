@@ -26,11 +26,16 @@ class LcmBus {
 
   // Subscribes to exactly this channel, whatever characters it has.
   void Subscribe(const std::string& channel, Handler handler);
+  void SubscribeToAll(Handler handler);
 
   enum class Handled { kMessage, kNothing, kBroken };
   // Waits for a message and hands it to its handler. kNothing after `timeout` without one; kBroken,
   // also after `timeout`, where the connection does not work.
   Handled Handle(std::chrono::milliseconds timeout);
+
+  // Packets that the system dropped because this process did not take them in time: those of all
+  // UDP sockets of the process, as Linux counts them in /proc/net/udp.
+  static int64_t LostInSocket();
 
   template <typename Message>
   void Publish(const std::string& channel, const Message& message) {
@@ -41,6 +46,7 @@ class LcmBus {
 
  private:
   explicit LcmBus(const std::string& url) : lcm_(url) {}
+  void SubscribeTo(const std::string& pattern, Handler handler);
 
   lcm::LCM lcm_;
   Mutex publish_mutex_;

@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "lib/base/random.h"
@@ -17,8 +18,6 @@ using std::chrono::milliseconds;
 constexpr milliseconds kPatience(50);
 // How old at most what others see of the map is, while messages pour in.
 constexpr milliseconds kShowInterval(20);
-// So long after the start, channels that were never heard are a problem.
-constexpr double kSilence_s = 5;
 // Messages that are still under way when the daemon ends are received for at most this long.
 constexpr milliseconds kMaxDrain(2000);
 
@@ -80,9 +79,13 @@ absl::Status Daemon::OpenMap() {
   spdlog::info("map {}: layer {}, start {}, {} tiles", MapPath(config_), name,
                layer.epoch().incarnation, layer.tiles().size());
   for (const std::string& channel : mapper_->channels()) {
-    bus_->Subscribe(channel, [this](const std::string& c, absl::Span<const uint8_t> message) {
-      ingest_.Push(c, message);
-    });
+    silences_.emplace_back(Clock::now());
+    std::atomic<int64_t>& heard = heard_.emplace_back(0);
+    bus_->Subscribe(channel,
+                    [this, &heard](const std::string& c, absl::Span<const uint8_t> message) {
+                      ++heard;
+                      ingest_.Push(c, message);
+                    });
     spdlog::info("listening on {}", channel);
   }
   ShowState();
@@ -125,7 +128,8 @@ void Daemon::Receive(const std::stop_token& stop) {
   while (!stop.stop_requested()) {
     const LcmBus::Handled handled = bus_->Handle(kPatience);
     if (handled == LcmBus::Handled::kBroken && !std::exchange(is_broken, true)) {
-      ReportProblem("the LCM bus does not work any more; nothing is received");
+      ReportProblem(
+          {.subject = "bus", .text = "the LCM bus does not work any more; nothing is received"});
     }
   }
   const auto deadline = Clock::now() + kMaxDrain;
@@ -169,7 +173,7 @@ void Daemon::MapOne(const IngestedMessage& message) {
 void Daemon::ShowState() {
   for (const Notice& notice : mapper_->TakeNotices()) {
     if (notice.is_problem) {
-      ReportProblem(notice.text);
+      ReportProblem(notice);
     } else {
       spdlog::info("{}", notice.text);
     }
@@ -187,10 +191,19 @@ void Daemon::ShowState() {
   scan_times_ = {};
 }
 
-void Daemon::ReportProblem(const std::string& text) {
-  spdlog::warn("{}", text);
+void Daemon::ReportProblem(const Notice& notice) {
   MutexLock lock(mutex_);
-  state_.last_problem = text;
+  state_.last_problem = notice.text;
+  if (const auto text = limiter_.Say(notice, Clock::now())) spdlog::warn("{}", *text);
+}
+
+void Daemon::Find(Symptom symptom, const std::string& subject, std::string text, int64_t times) {
+  {
+    MutexLock lock(mutex_);
+    state_.symptoms[static_cast<int>(symptom)] += times;
+  }
+  ReportProblem(
+      {.subject = fmt::format("{} {}", SymptomName(symptom), subject), .text = std::move(text)});
 }
 
 void Daemon::SaveNowAndThen(const std::stop_token& stop) {
@@ -202,7 +215,7 @@ void Daemon::SaveNowAndThen(const std::stop_token& stop) {
                    [] { return false; });
     if (stop.stop_requested()) return;
     if (absl::Status status = Save(); !status.ok()) {
-      ReportProblem("the map is not saved: " + ErrorText(status));
+      ReportProblem({.subject = "save", .text = "the map is not saved: " + ErrorText(status)});
     }
   }
 }
@@ -224,18 +237,47 @@ absl::Status Daemon::Save() {
 }
 
 void Daemon::PublishStatus() {
-  const status_t status = Status();
-  WarnOfSilence(status);
-  bus_->Publish(config_.channel_prefix() + "_STATUS", status);
+  LookAround();
+  bus_->Publish(config_.channel_prefix() + "_STATUS", Status());
 }
 
-void Daemon::WarnOfSilence(const status_t& status) {
-  const bool is_silent = status.scans_received == 0 || status.poses_received == 0;
-  if (!is_silent || status.uptime_s < kSilence_s || std::exchange(warned_of_silence_, true)) return;
-  ReportProblem(fmt::format(
-      "nothing heard of {} for {:.0f} s; is the channel right, and the LCM URL? splinemap doctor "
-      "shows what a log of the bus holds",
-      status.scans_received == 0 ? "scans" : config_.pose(), status.uptime_s));
+void Daemon::LookAround() {
+  if (const auto jump = host_clock_.Look(std::chrono::system_clock::now(), Clock::now())) {
+    Find(
+        Symptom::kHostClockJump, "",
+        fmt::format("the clock of this computer was set {} by {:.1f} s; do all that stamp messages "
+                    "follow the same clock?",
+                    jump->count() > 0 ? "forward" : "back", std::abs(jump->count())));
+  }
+  const std::vector<std::string>& channels = mapper_->channels();
+  for (size_t k = 0; k < channels.size(); ++k) {
+    const int64_t messages = heard_[k];
+    switch (silences_[k].Look(messages, Clock::now())) {
+      case SilenceWatch::Change::kNone:
+        break;
+      case SilenceWatch::Change::kHeardAgain:
+        spdlog::info("{} is heard again", channels[k]);
+        break;
+      case SilenceWatch::Change::kSilent:
+        Find(
+            Symptom::kSilence, channels[k],
+            messages == 0
+                ? fmt::format("nothing came on {} for {} s; is the channel right, and the LCM URL? "
+                              "splinemap doctor --live shows what is on a bus",
+                              channels[k], SilenceWatch::kSilence.count())
+                : fmt::format("{} is silent since {} s", channels[k],
+                              SilenceWatch::kSilence.count()));
+    }
+  }
+  if (const int64_t lost = bus_->LostInSocket(); lost > lost_on_bus_) {
+    Find(Symptom::kLostOnBus, "",
+         fmt::format("{} packets were lost before splinemapd could take them, so equal input does "
+                     "not give equal maps; raise net.core.rmem_max and add recv_buf_size to the "
+                     "LCM URL",
+                     lost - lost_on_bus_),
+         lost - lost_on_bus_);
+    lost_on_bus_ = lost;
+  }
 }
 
 status_t Daemon::Status() {
@@ -270,6 +312,13 @@ status_t Daemon::Status() {
     status.drop_counts.push_back(counts.drops[reason]);
   }
   status.num_drop_reasons = static_cast<int32_t>(status.drop_reasons.size());
+  for (int k = 0; k < kNumSymptoms; ++k) {
+    const int64_t count = counts.symptoms[k] + state_.symptoms[k];
+    if (count == 0) continue;
+    status.problems.emplace_back(SymptomName(static_cast<Symptom>(k)));
+    status.problem_counts.push_back(count);
+  }
+  status.num_problems = static_cast<int32_t>(status.problems.size());
 
   status.scans_queued = static_cast<int32_t>(state_.scans_queued);
   status.newest_scan_utime = state_.newest_scan_utime.count();

@@ -1,7 +1,9 @@
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <deque>
 #include <memory>
 #include <optional>
 #include <string>
@@ -16,7 +18,10 @@
 #include "lib/pipeline/mapper.h"
 #include "lib/store/map_file.h"
 #include "lib/wire/lcm_bus.h"
+#include "services/splinemapd/host_clock_watch.h"
 #include "services/splinemapd/ingest_queue.h"
+#include "services/splinemapd/notice_limiter.h"
+#include "services/splinemapd/silence_watch.h"
 
 namespace splinemap {
 
@@ -57,6 +62,7 @@ class Daemon {
     ScanTimes scan_times;  // since the last status
     std::optional<uint64_t> saved_revision;
     std::string last_problem;
+    SymptomCounts symptoms{};  // beside those of the mapper
   };
 
   Daemon(const config::Config& config, std::unique_ptr<LcmBus> bus, MapFile file);
@@ -67,8 +73,10 @@ class Daemon {
   void MapMessages(const std::stop_token& stop);
   void MapOne(const IngestedMessage& message);
   void ShowState();
-  void ReportProblem(const std::string& text);
-  void WarnOfSilence(const status_t& status);
+  void ReportProblem(const Notice& notice);
+  // A symptom that the daemon sees beside the mapper.
+  void Find(Symptom symptom, const std::string& subject, std::string text, int64_t times = 1);
+  void LookAround();
   void SaveNowAndThen(const std::stop_token& stop);
   absl::Status Save();
   status_t Status();
@@ -85,11 +93,19 @@ class Daemon {
   ScanTimes scan_times_;  // since ShowState()
   Clock::time_point last_mapped_;
 
-  MapFile file_;                    // of the saving thread alone, while it runs
-  bool warned_of_silence_ = false;  // of the caller's thread
+  MapFile file_;  // of the saving thread alone, while it runs
+
+  // Of the caller's thread.
+  HostClockWatch host_clock_;
+  std::deque<SilenceWatch> silences_;  // as heard_
+  int64_t lost_on_bus_ = 0;
+
+  // By channel of the mapper: messages received. Written by the receiving thread.
+  std::deque<std::atomic<int64_t>> heard_;
 
   Mutex mutex_;
   State state_ ABSL_GUARDED_BY(mutex_);
+  NoticeLimiter limiter_ ABSL_GUARDED_BY(mutex_);
 
   std::jthread saving_;
   std::jthread mapping_;

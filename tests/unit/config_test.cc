@@ -87,6 +87,44 @@ TEST(PresetTest, ExplicitValuesWinOverThePreset) {
   EXPECT_TRUE(options.use_beam_times);
 }
 
+TEST(ParseScanFlagTest, MasksAddUp) {
+  const auto scan = ParseScanFlag("LIDAR:bot_core,mask=170..-170,mask=10..20,every_nth_beam=3");
+  ASSERT_TRUE(scan.ok()) << scan.status();
+  const SensorOptions options = SensorOptionsOf(*scan, scan->preset());
+  ASSERT_EQ(options.masks.size(), 2u);
+  EXPECT_NEAR(options.masks[0].from_rad, 170 * std::numbers::pi / 180, 1e-12);
+  EXPECT_NEAR(options.masks[0].span_rad, 20 * std::numbers::pi / 180, 1e-12);
+  EXPECT_NEAR(options.masks[1].span_rad, 10 * std::numbers::pi / 180, 1e-12);
+  EXPECT_EQ(options.every_nth_beam, 3);
+}
+
+TEST(CheckConfigTest, MasksAreRangesOfDegrees) {
+  for (const char* mask : {"", "10", "10..", "10..10", "a..b", "0..400", "nan..10", "1..2..3"}) {
+    config::Config config;
+    config.set_pose("POSE");
+    config.add_scan()->set_channel("LIDAR");
+    config.mutable_scan(0)->add_mask(mask);
+    EXPECT_FALSE(CheckConfig(config).ok()) << mask;
+    config.mutable_scan(0)->set_mask(0, "-180..180");
+    EXPECT_TRUE(CheckConfig(config).ok());
+  }
+}
+
+TEST(CheckConfigTest, ExtrinsicsComeFromOnePlace) {
+  config::Config config;
+  config.set_pose("POSE");
+  config.add_scan()->set_channel("LIDAR");
+  config.add_scan()->set_channel("REAR");
+  config.mutable_scan(0)->set_extrinsics_channel("MOUNT");
+  config.mutable_scan(1)->set_extrinsics_channel("MOUNT");
+  EXPECT_TRUE(CheckConfig(config).ok()) << "one may serve two";
+  config.mutable_scan(0)->set_yaw_deg(3);
+  EXPECT_FALSE(CheckConfig(config).ok()) << "from the channel and the configuration";
+  config.mutable_scan(0)->clear_yaw_deg();
+  config.mutable_scan(0)->set_extrinsics_channel("REAR");
+  EXPECT_FALSE(CheckConfig(config).ok()) << "a channel of scans";
+}
+
 TEST(PresetTest, EachPresetParses) {
   EXPECT_EQ(PresetNames().size(), 4u);
   config::Scan scan;

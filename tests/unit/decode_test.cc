@@ -12,6 +12,7 @@
 
 #include "lcmtypes/bot_core/planar_lidar_t.hpp"
 #include "lcmtypes/bot_core/pose_t.hpp"
+#include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
 #include "lib/wire/encode.h"
@@ -40,6 +41,16 @@ michigan::lidar_t MichiganScan() {
   return message;
 }
 
+// Turned by `angle_rad` about one axis: 0 is x, 1 is y, 2 is z.
+bot_core::rigid_transform_t Turned(int axis, double angle_rad) {
+  bot_core::rigid_transform_t transform{};
+  transform.trans[0] = 0.1;
+  transform.trans[1] = -0.2;
+  transform.quat[0] = std::cos(angle_rad / 2);
+  transform.quat[1 + axis] = std::sin(angle_rad / 2);
+  return transform;
+}
+
 status_t Status() {
   status_t status{};
   status.utime = 1;
@@ -57,14 +68,15 @@ std::vector<std::vector<uint8_t>> OneOfEach() {
   planar.nintensities = 1;  // may differ from nranges
   planar.intensities = {9};
   michigan::pose_xyt_t pose{};
-  return {Encode(planar), Encode(MichiganScan()), Encode(PoseMessage({Utime(1), {}})), Encode(pose),
-          Encode(Status())};
+  return {Encode(planar), Encode(MichiganScan()), Encode(PoseMessage({Utime(1), {}})),
+          Encode(pose),   Encode(Turned(2, 1)),   Encode(Status())};
 }
 
 // Whatever the bytes: no crash, no exception, no memory beyond their size.
 void DecodeAll(const std::vector<uint8_t>& bytes) {
   (void)DecodeScan(bytes);
   (void)DecodePose(bytes);
+  (void)DecodeSensorMount(bytes);
   (void)DecodeStatus(bytes);
 }
 
@@ -73,6 +85,7 @@ TEST(DecodeTest, FingerprintsAreThoseInUse) {
   EXPECT_EQ(FingerprintOf(OneOfEach()[1]), 0x89dc5b879a5056cfU);
   EXPECT_EQ(FingerprintOf(OneOfEach()[2]), 0x2e16efb052b0105eU);
   EXPECT_EQ(FingerprintOf(OneOfEach()[3]), 0x1f317af1246276acU);
+  EXPECT_EQ(FingerprintOf(OneOfEach()[4]), 0xea9ffbf2acc5c5aeU);
   EXPECT_EQ(FingerprintOf(std::vector<uint8_t>(7)), std::nullopt);
 }
 
@@ -119,15 +132,59 @@ TEST(DecodeTest, AnotherTypeIsNamedByItsFingerprint) {
   EXPECT_NE(std::string(status.message()).find("0x2e16efb052b0105e"), std::string::npos) << status;
 }
 
+TEST(DecodeTest, MessagesAreDescribedAsFarAsTheyAreKnown) {
+  const std::vector<uint8_t> grid = {0xd5, 0x44, 0x7e, 0x49, 0x4a, 0x66, 0xcc, 0x92, 0};
+  EXPECT_NE(Describe(grid).find("occupancy_grid_t"), std::string::npos);
+  EXPECT_NE(Describe(OneOfEach()[2]).find("bot_core.pose_t"), std::string::npos);
+  EXPECT_NE(Describe(std::vector<uint8_t>(20)).find("0x0000000000000000"), std::string::npos);
+  EXPECT_EQ(Describe(std::vector<uint8_t>(3)), "3 bytes that are no LCM message");
+}
+
+TEST(DecodeTest, SensorMountIsThePlanarPartOfATransform) {
+  const auto mount = DecodeSensorMount(Encode(Turned(2, 2.5)));
+  ASSERT_TRUE(mount.ok()) << mount.status();
+  EXPECT_EQ(mount->robot_T_sensor.position_m, Eigen::Vector2d(0.1, -0.2));
+  EXPECT_NEAR(mount->robot_T_sensor.yaw_rad, 2.5, 1e-12);
+  EXPECT_FALSE(mount->is_upside_down);
+}
+
+TEST(DecodeTest, ASensorThatHangsUpsideDownIsTold) {
+  const auto about_x = DecodeSensorMount(Encode(Turned(0, M_PI)));
+  ASSERT_TRUE(about_x.ok()) << about_x.status();
+  EXPECT_TRUE(about_x->is_upside_down);
+  EXPECT_NEAR(about_x->robot_T_sensor.yaw_rad, 0, 1e-12);
+  const auto about_y = DecodeSensorMount(Encode(Turned(1, M_PI)));
+  EXPECT_TRUE(about_y->is_upside_down);
+  EXPECT_NEAR(std::abs(about_y->robot_T_sensor.yaw_rad), M_PI, 1e-12);
+}
+
+TEST(DecodeTest, ATransformThatMakesNoPlanarSensorIsRefused) {
+  EXPECT_TRUE(DecodeSensorMount(Encode(Turned(0, 9 * M_PI / 180))).ok());
+  EXPECT_FALSE(DecodeSensorMount(Encode(Turned(0, 11 * M_PI / 180))).ok()) << "tilted";
+  bot_core::rigid_transform_t transform = Turned(2, 0);
+  transform.quat[0] = 1.009;
+  EXPECT_TRUE(DecodeSensorMount(Encode(transform)).ok()) << "within tolerance";
+  transform.quat[0] = 0;
+  EXPECT_FALSE(DecodeSensorMount(Encode(transform)).ok()) << "no unit quaternion";
+  transform = Turned(2, 0);
+  transform.trans[1] = std::nan("");
+  EXPECT_FALSE(DecodeSensorMount(Encode(transform)).ok()) << "NaN";
+  transform.trans[1] = 1000;
+  EXPECT_FALSE(DecodeSensorMount(Encode(transform)).ok()) << "far away";
+  EXPECT_FALSE(DecodeSensorMount(OneOfEach()[2]).ok()) << "another type";
+}
+
 TEST(DecodeTest, EveryTruncationAndTrailingByteIsRefused) {
   for (const std::vector<uint8_t>& whole : OneOfEach()) {
     for (size_t size = 0; size < whole.size(); ++size) {
       const std::vector<uint8_t> part(whole.begin(), whole.begin() + size);
-      EXPECT_FALSE(DecodeScan(part).ok() || DecodePose(part).ok() || DecodeStatus(part).ok());
+      EXPECT_FALSE(DecodeScan(part).ok() || DecodePose(part).ok() || DecodeSensorMount(part).ok() ||
+                   DecodeStatus(part).ok());
     }
     std::vector<uint8_t> longer = whole;
     longer.push_back(0);
-    EXPECT_FALSE(DecodeScan(longer).ok() || DecodePose(longer).ok() || DecodeStatus(longer).ok());
+    EXPECT_FALSE(DecodeScan(longer).ok() || DecodePose(longer).ok() ||
+                 DecodeSensorMount(longer).ok() || DecodeStatus(longer).ok());
   }
 }
 
@@ -161,7 +218,7 @@ TEST(DecodeTest, AStringOfNoLengthIsRefused) {
 TEST(DecodeTest, RandomBytesBehindARealFingerprintDoNoHarm) {
   std::mt19937_64 random(1);
   for (int n = 0; n < 20'000; ++n) {
-    std::vector<uint8_t> bytes = OneOfEach()[n % 5];
+    std::vector<uint8_t> bytes = OneOfEach()[n % 6];
     for (int flips = 0; flips < 5; ++flips) {
       bytes[8 + random() % (bytes.size() - 8)] = static_cast<uint8_t>(random());
     }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lib/map/map.h"
 #include "lib/wire/encode.h"
@@ -31,6 +32,10 @@ class MapperTest : public testing::Test {
   void ScanLeft(int64_t ms) {
     mapper_->HandleMessage(
         "LASER", Encode(PlanarLidarMessage(std::chrono::milliseconds(ms), {2}, M_PI / 2, 0)));
+  }
+
+  int64_t Symptoms(Symptom symptom) const {
+    return mapper_->counts().symptoms[static_cast<int>(symptom)];
   }
 
   double At(double x_m, double y_m) { return map_.Snapshot()->Evaluate(x_m, y_m).log_odds; }
@@ -85,7 +90,7 @@ TEST_F(MapperTest, MichiganScansAreToldByTheirBeamTimes) {
   EXPECT_TRUE(mapper_->TakeNotices().empty());
 }
 
-TEST_F(MapperTest, WhatCannotBeUsedIsCountedAndSaidOnce) {
+TEST_F(MapperTest, WhatCannotBeUsedIsCountedAndSaid) {
   Configure("LASER:bot_core");
   const std::vector<uint8_t> garbage = {1, 2, 3};
   for (int n = 0; n < 3; ++n) {
@@ -97,8 +102,7 @@ TEST_F(MapperTest, WhatCannotBeUsedIsCountedAndSaidOnce) {
   Pose(0);
   Pose(0);
   const MapperCounts counts = mapper_->counts();
-  EXPECT_EQ(counts.drops[DropReason::kMalformedScan], 3);
-  EXPECT_EQ(counts.drops[DropReason::kMalformedPose], 3);
+  EXPECT_EQ(counts.drops[DropReason::kWrongType], 6);
   EXPECT_EQ(counts.drops[DropReason::kPoseOutOfRange], 3);
   EXPECT_EQ(counts.drops[DropReason::kDuplicatePose], 1);
   EXPECT_EQ(counts.drops.Total(), 10);
@@ -107,6 +111,126 @@ TEST_F(MapperTest, WhatCannotBeUsedIsCountedAndSaidOnce) {
   EXPECT_EQ(counts.poses_received, 8);
   EXPECT_EQ(mapper_->TakeNotices().size(), 4u);
   EXPECT_EQ(layer_.revision(), 0u);
+}
+
+TEST_F(MapperTest, AChannelOfAnotherTypeIsDescribed) {
+  Configure("LASER:bot_core");
+  mapper_->HandleMessage("LASER", Encode(PoseMessage({Utime(0), {}})));
+  const std::vector<Notice> notices = mapper_->TakeNotices();
+  ASSERT_EQ(notices.size(), 1u);
+  EXPECT_NE(notices[0].text.find("0x2e16efb052b0105e, which is bot_core.pose_t"), std::string::npos)
+      << notices[0].text;
+}
+
+TEST_F(MapperTest, TheMotionFilterSkipsARobotThatStandsStill) {
+  Configure("LASER:bot_core,min_travel_m=0.5,min_turn_deg=20");
+  const auto drive = [&](int64_t ms, double x_m, double yaw_rad) {
+    Pose(ms, x_m, yaw_rad);
+    ScanLeft(ms);
+  };
+  drive(0, 0, 0);
+  drive(100, 0.4, 0);
+  drive(200, 0.4, 0.3);
+  EXPECT_EQ(mapper_->counts().scans_mapped, 1);
+  drive(300, 0.4, 0.4);
+  drive(400, 1.0, 0.4);
+  EXPECT_EQ(mapper_->counts().scans_mapped, 3);
+  EXPECT_EQ(mapper_->counts().drops[DropReason::kStoodStill], 2);
+  EXPECT_TRUE(mapper_->TakeNotices().empty()) << "as configured";
+}
+
+TEST_F(MapperTest, ExtrinsicsComeFromTheirChannel) {
+  Configure("LASER:bot_core,extrinsics_channel=MOUNT");
+  EXPECT_EQ(mapper_->channels(), (std::vector<std::string>{"LASER", "MOUNT", "POSE"}));
+  const auto mount = [&](double x_m, double about_x_rad) {
+    bot_core::rigid_transform_t transform{};
+    transform.trans[0] = x_m;
+    transform.quat[0] = std::cos(about_x_rad / 2);
+    transform.quat[1] = std::sin(about_x_rad / 2);
+    mapper_->HandleMessage("MOUNT", Encode(transform));
+  };
+  Pose(0);
+  ScanLeft(0);
+  EXPECT_EQ(mapper_->counts().drops[DropReason::kNoExtrinsics], 1);
+  mount(0.5, 0);
+  Pose(100);
+  ScanLeft(100);
+  EXPECT_GT(At(0.5, 2), 0.5);
+  mount(5, M_PI / 2);
+  EXPECT_EQ(mapper_->counts().drops[DropReason::kMalformedExtrinsics], 1) << "tilted";
+  mount(-1, M_PI);
+  Pose(200);
+  ScanLeft(200);
+  EXPECT_GT(At(-1, -2), 0.5) << "upside down";
+  mapper_->HandleMessage("MOUNT", Encode(PoseMessage({Utime(0), {}})));
+  EXPECT_EQ(mapper_->counts().drops[DropReason::kWrongType], 1);
+}
+
+TEST_F(MapperTest, BeamTimesThatAreAllTheSameAreSaid) {
+  Configure("LASER:michigan_2014");
+  michigan::lidar_t lidar;
+  lidar.utime = 100'000;
+  lidar.num_ranges = 2;
+  lidar.ranges = {2, 2};
+  lidar.thetas = {0, 1};
+  lidar.times = {100'000, 100'000};
+  lidar.intensities = {0, 0};
+  mapper_->HandleMessage("LASER", Encode(lidar));
+  EXPECT_EQ(Symptoms(Symptom::kUselessBeamTimes), 1);
+  const std::vector<Notice> notices = mapper_->TakeNotices();
+  ASSERT_EQ(notices.size(), 1u);
+  EXPECT_NE(notices[0].text.find("michigan_2017"), std::string::npos) << notices[0].text;
+  lidar.utime = 200'000;
+  lidar.times = {200'000, 300'000};
+  mapper_->HandleMessage("LASER", Encode(lidar));
+  EXPECT_EQ(Symptoms(Symptom::kUselessBeamTimes), 1);
+}
+
+TEST_F(MapperTest, AnotherClockIsSaidWithTheOffsetThatMends) {
+  Configure("LASER:bot_core,time_offset_ms=100");
+  for (int n = 0; n < 60; ++n) {
+    Pose(100 * n);
+    ScanLeft(100 * n + 50'000);
+  }
+  EXPECT_EQ(Symptoms(Symptom::kWithoutPoses), 2) << "every 20 scans";
+  const std::vector<Notice> notices = mapper_->TakeNotices();
+  ASSERT_EQ(notices.size(), 1u);
+  EXPECT_NE(notices[0].text.find("50.1 s after the poses of POSE"), std::string::npos)
+      << notices[0].text;
+  EXPECT_NE(notices[0].text.find("time_offset_ms=-50000"), std::string::npos) << notices[0].text;
+}
+
+TEST_F(MapperTest, AChannelInAnotherClockIsToldBesideOneThatIsFine) {
+  Configure("LASER:bot_core");
+  *config_.add_scan() = *ParseScanFlag("REAR:bot_core");
+  mapper_.emplace(config_, map_.options(), layer_);
+  for (int n = 0; n < 60; ++n) {
+    Pose(1'000'000 + 100 * n);
+    ScanLeft(1'000'000 + 100 * n);
+    mapper_->HandleMessage(
+        "REAR", Encode(PlanarLidarMessage(std::chrono::milliseconds(100 * n), {2}, 0, 0)));
+  }
+  EXPECT_GE(mapper_->counts().scans_mapped, 55);
+  ASSERT_EQ(Symptoms(Symptom::kWithoutPoses), 3) << "every 20 scans";
+  const std::vector<Notice> notices = mapper_->TakeNotices();
+  ASSERT_EQ(notices.size(), 1u);
+  EXPECT_EQ(notices[0].text.substr(0, 4), "REAR");
+  EXPECT_NE(notices[0].text.find("time_offset_ms=1000"), std::string::npos) << notices[0].text;
+}
+
+TEST_F(MapperTest, ALocalisationThatJumpsIsSaid) {
+  Configure("LASER:bot_core");
+  // Walls all around, 2 m away; a robot that is taken to be 0.7 m further looks through them.
+  const auto scan = [&](int64_t ms, double x_m) {
+    Pose(ms, x_m);
+    mapper_->HandleMessage("LASER",
+                           Encode(PlanarLidarMessage(std::chrono::milliseconds(ms),
+                                                     std::vector<float>(180, 2), 0, M_PI / 90)));
+  };
+  for (int n = 0; n < 100; ++n) scan(100 * n, 0);
+  EXPECT_EQ(Symptoms(Symptom::kMapDisagrees), 0);
+  for (int n = 100; n < 125; ++n) scan(100 * n, 0.7);
+  EXPECT_GE(Symptoms(Symptom::kMapDisagrees), 1);
 }
 
 TEST_F(MapperTest, PosesAtTheEdgeOfTheRangeAreMappedSafely) {
@@ -130,7 +254,7 @@ TEST_F(MapperTest, ALocalisationThatFallsSilentIsSaidEachTime) {
     const std::vector<Notice> notices = mapper_->TakeNotices();
     ASSERT_EQ(notices.size(), 1u);
     EXPECT_TRUE(notices[0].is_problem);
-    EXPECT_NE(notices[0].text.find("does POSE come"), std::string::npos) << notices[0].text;
+    EXPECT_NE(notices[0].text.find("Has POSE stopped"), std::string::npos) << notices[0].text;
     ms += 100;
   }
   EXPECT_EQ(mapper_->counts().scans_mapped, 2);

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 namespace splinemap {
 namespace {
@@ -45,6 +46,63 @@ TEST(PrepareScanTest, NoReturnClearsUpToTheMaximumWhereConfigured) {
     EXPECT_FALSE(beam.hit);
     EXPECT_EQ(beam.range_m, 8);
   }
+}
+
+TEST(PrepareScanTest, SmallNumbersThatMeanNoReturnAreConfigured) {
+  SensorOptions options;
+  options.no_return_up_to_m = 0.01;
+  options.no_return_is_free = true;
+  const auto scan = PrepareScan(Readings({0.01F, 0.02F, 0, -0.01F, 1}), options, 0);
+  ASSERT_EQ(scan->beams.size(), 3u) << "0.02 is too short, and negative says nothing";
+  EXPECT_FALSE(scan->beams[0].hit);
+  EXPECT_FALSE(scan->beams[1].hit);
+  EXPECT_TRUE(scan->beams[2].hit);
+}
+
+TEST(PrepareScanTest, MaskedBearingsAreLeftOutAcrossTheSeamToo) {
+  constexpr double kDegree = std::numbers::pi / 180;
+  RangeReadings readings = Readings(std::vector<float>(36, 1));
+  for (int k = 0; k < 36; ++k) readings.bearings_rad[k] = static_cast<float>(k * 10 * kDegree);
+  SensorOptions options;
+  options.masks = {{155 * kDegree, 50 * kDegree}, {-5 * kDegree, 10 * kDegree}};
+  const auto scan = PrepareScan(readings, options, 0);
+  EXPECT_EQ(scan->beams.size(), 30u) << "160 .. 200 and 0 are gone";
+  options.masks = {{25 * kDegree, 10 * kDegree}};
+  options.bearing_sign = -1;
+  const auto flipped = PrepareScan(readings, options, 0);
+  for (const Beam& beam : flipped->beams) {
+    EXPECT_GT(std::abs(WrapAngle(beam.bearing_rad - 30 * kDegree)), 1 * kDegree)
+        << "after bearing_sign";
+  }
+  EXPECT_EQ(flipped->beams.size(), 35u);
+}
+
+TEST(PrepareScanTest, DecimationKeepsBearingsAndTimes) {
+  SensorOptions options;
+  options.every_nth_beam = 2;
+  options.scan_duration = milliseconds(100);
+  const auto scan = PrepareScan(Readings({1, 2, 3, 4, 5}), options, 0);
+  ASSERT_EQ(scan->beams.size(), 3u);
+  EXPECT_EQ(scan->beams[1].range_m, 3);
+  EXPECT_FLOAT_EQ(scan->beams[1].bearing_rad, 0.2F);
+  EXPECT_EQ(scan->beams[1].time_offset, milliseconds(50));
+}
+
+TEST(PrepareScanTest, UpsideDownTurnsTheScanOver) {
+  SensorOptions options;
+  options.mount.is_upside_down = true;
+  EXPECT_FLOAT_EQ(PrepareScan(Readings({1, 1}), options, 0)->beams[1].bearing_rad, -0.1F);
+}
+
+TEST(BeamTimesTest, AreUsefulWhereTheyDifferAndAreNear) {
+  RangeReadings readings = Readings({1, 1});
+  EXPECT_FALSE(HaveUsefulBeamTimes(readings)) << "none";
+  readings.beam_utimes = {seconds(100), seconds(100) + milliseconds(9)};
+  EXPECT_FALSE(HaveUsefulBeamTimes(readings)) << "all the same";
+  readings.beam_utimes[1] = seconds(100) + milliseconds(150);
+  EXPECT_TRUE(HaveUsefulBeamTimes(readings));
+  readings.beam_utimes[1] = Utime::max();
+  EXPECT_FALSE(HaveUsefulBeamTimes(readings)) << "uninitialised";
 }
 
 TEST(PrepareScanTest, AReadingOfTheMaximumIsNoReturnWhateverItsRounding) {

@@ -1,0 +1,17 @@
+#pragma once
+
+#include "lib/map/tile_tree.h"
+#include "lib/sensing/scan_queue.h"
+
+namespace splinemap {
+
+// How hits of a scan lie in a map that does not have them yet.
+struct HitsInMap {
+  int looked_up = 0;
+  int in_free = 0;  // nearest control point below -1 log-odds: something was seen through there
+};
+
+// Looks some 30 hits of the scan up, evenly chosen.
+HitsInMap LookUpHits(const PlacedScan& scan, const TileTree& tiles, double knot_interval_m);
+
+}  // namespace splinemap

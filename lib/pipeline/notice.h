@@ -1,0 +1,49 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace splinemap {
+
+// What is wrong beyond single messages; see DropReason for those.
+enum class Symptom {
+  kUselessBeamTimes,  // configured to be used, and all the same
+  kFlagsDisagree,     // other flags would make a sharper map
+  kWithoutPoses,      // scans in a row that never get a pose
+  kMapDisagrees,      // scans in a row whose hits lie in free space
+  kTimeJump,          // message time stepped back
+  kHostClockJump,     // the clock of this computer was set
+  kSilence,           // a channel from which nothing comes
+  kLostOnBus,         // messages that the system dropped before the daemon could take them
+};
+inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kLostOnBus) + 1;
+
+// As in status messages: "useless_beam_times".
+const char* SymptomName(Symptom symptom);
+
+// How often each was found.
+using SymptomCounts = std::array<int64_t, kNumSymptoms>;
+
+// What a person should know.
+struct Notice {
+  bool is_problem = true;  // wants something done about it
+  std::string subject;     // notices of one subject say the same thing
+  std::string text;
+  int64_t times = 1;
+};
+
+// Notices since they were last taken, one for each subject. Bounded by the number of subjects.
+class NoticeList {
+ public:
+  // Keeps the newest text of a subject.
+  void Add(bool is_problem, const std::string& subject, std::string text);
+  std::vector<Notice> Take() { return std::exchange(notices_, {}); }
+
+ private:
+  std::vector<Notice> notices_;
+};
+
+}  // namespace splinemap

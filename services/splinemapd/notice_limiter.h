@@ -1,0 +1,29 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+
+#include "lib/pipeline/notice.h"
+
+namespace splinemap {
+
+// Says notices of one subject once, and then once a minute while they go on. Thread-compatible.
+class NoticeLimiter {
+ public:
+  using Clock = std::chrono::steady_clock;
+
+  // What to say of a notice now, or nothing.
+  std::optional<std::string> Say(const Notice& notice, Clock::time_point now);
+
+ private:
+  struct Subject {
+    Clock::time_point said;
+    int64_t unsaid = 0;
+  };
+  std::map<std::string, Subject> subjects_;
+};
+
+}  // namespace splinemap

@@ -1,0 +1,23 @@
+#include "services/splinemapd/notice_limiter.h"
+
+#include <gtest/gtest.h>
+
+namespace splinemap {
+namespace {
+
+using std::chrono::seconds;
+
+TEST(NoticeLimiterTest, SaysEachSubjectOnceAMinuteWithTheNumberLeftUnsaid) {
+  NoticeLimiter limiter;
+  const NoticeLimiter::Clock::time_point start{};
+  const Notice late{.subject = "late", .text = "a scan is late"};
+  EXPECT_EQ(limiter.Say(late, start), "a scan is late");
+  for (int n = 1; n < 60; ++n) EXPECT_EQ(limiter.Say(late, start + seconds(n)), std::nullopt);
+  const Notice many{.subject = "many", .text = "many scans", .times = 3};
+  EXPECT_EQ(limiter.Say(many, start + seconds(30)), "many scans (2 times more)");
+  EXPECT_EQ(limiter.Say(late, start + seconds(60)), "a scan is late (59 times more)");
+  EXPECT_EQ(limiter.Say(late, start + seconds(120)), "a scan is late");
+}
+
+}  // namespace
+}  // namespace splinemap
