@@ -8,9 +8,9 @@
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/config/flags.h"
+#include "lib/diagnosis/survey.h"
 #include "lib/logs/lcm_log.h"
 #include "lib/map/map.h"
-#include "lib/pipeline/log_survey.h"
 #include "lib/pipeline/mapper.h"
 #include "lib/store/map_file.h"
 
@@ -65,8 +65,9 @@ absl::StatusOr<int> Build(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(config::Config config, ConfigOf(flags.input));
   if (config.scan_size() == 0 || config.pose().empty()) {
     ProgressBar bar("looking for scans and poses");
-    SPLINEMAP_ASSIGN_OR_RETURN(const LogSurvey survey,
-                               SurveyLog(flags.log, [&](double share) { bar.Show(share); }));
+    const auto show = [&](double share) { bar.Show(share); };
+    std::string damage;  // which is told when the log is mapped
+    SPLINEMAP_ASSIGN_OR_RETURN(const Survey survey, SurveyLog(flags.log, show, damage));
     SPLINEMAP_RETURN_IF_ERROR(ChooseChannels(survey, config));
   }
   SPLINEMAP_RETURN_IF_ERROR(CheckConfig(config));

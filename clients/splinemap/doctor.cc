@@ -1,3 +1,4 @@
+#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -7,103 +8,196 @@
 #include "clients/splinemap/progress.h"
 #include "lib/base/status.h"
 #include "lib/config/flags.h"
-#include "lib/pipeline/log_survey.h"
+#include "lib/diagnosis/proposal.h"
+#include "lib/diagnosis/survey.h"
+#include "lib/wire/lcm_bus.h"
 
 namespace splinemap {
 namespace {
 
 struct Flags {
   std::string log;
+  bool live = false;
+  double seconds = 15;
+  std::string lcm_url;
   bool json = false;
   InputFlags input;
 };
 
-std::string TypeOf(const LoggedChannel& channel) {
-  if (channel.type) return TypeName(*channel.type);
-  if (channel.fingerprint) return fmt::format("{:#018x}", *channel.fingerprint);
-  return "no LCM type";
+std::string TypeOf(const SurveyedChannel& channel) {
+  if (!channel.fingerprint) return "no LCM type";
+  const std::string name = FingerprintName(*channel.fingerprint);
+  return name.empty() ? fmt::format("{:#018x}", *channel.fingerprint) : name;
 }
 
-// The flags that have to be added to those of `given` for the channels of `chosen`.
-std::vector<std::string> FlagsOf(const config::Config& chosen, const config::Config& given) {
+// The flags to add to those of `given`.
+std::vector<std::string> FlagsOf(const Proposal& proposal, const config::Config& given) {
   std::vector<std::string> flags;
-  for (int k = given.scan_size(); k < chosen.scan_size(); ++k) {
-    flags.insert(flags.end(), {"--scan", chosen.scan(k).channel()});
+  if (given.scan_size() == 0) {
+    for (const std::string& flag : proposal.scan_flags) {
+      flags.insert(flags.end(), {"--scan", flag});
+    }
   }
-  if (given.pose().empty()) flags.insert(flags.end(), {"--pose", chosen.pose()});
+  if (given.pose().empty()) flags.insert(flags.end(), {"--pose", proposal.pose});
   return flags;
 }
 
-void PrintJson(const LogSurvey& survey, const config::Config& chosen, const config::Config& given,
-               const absl::Status& choice) {
-  nlohmann::json json;
-  json["duration_s"] = survey.duration_s;
-  json["channels"] = nlohmann::json::array();
-  for (const LoggedChannel& channel : survey.channels) {
-    nlohmann::json entry = {{"name", channel.name},
-                            {"type", TypeOf(channel)},
-                            {"messages", channel.messages},
-                            {"rate_hz", channel.rate_hz}};
-    if (!channel.preset.empty()) entry["preset"] = channel.preset;
-    json["channels"].push_back(entry);
+nlohmann::json ToJson(const FlagTrial& trial) {
+  nlohmann::json json = {
+      {"scan", trial.scan},
+      {"pose", trial.pose},
+      {"clock_offset_s", std::chrono::duration<double>(trial.clock_offset).count()},
+      {"scans_compared", trial.scans}};
+  if (trial.flags) {
+    json["cells_as_given"] = trial.flags->spread_given;
+    json["cells_proposed"] = trial.flags->spread;
+    json["cells_flipped"] = trial.flags->spread_flipped;
   }
-  if (choice.ok()) {
-    json["pose"] = chosen.pose();
-    json["scans"] = nlohmann::json::array();
-    for (const config::Scan& scan : chosen.scan()) json["scans"].push_back(scan.channel());
-    json["chosen_flags"] = FlagsOf(chosen, given);
+  return json;
+}
+
+nlohmann::json ToJson(const SurveyedChannel& channel) {
+  nlohmann::json json = {{"name", channel.name},
+                         {"type", TypeOf(channel)},
+                         {"messages", channel.messages},
+                         {"rate_hz", channel.rate_hz}};
+  if (!channel.preset.empty()) json["preset"] = channel.preset;
+  if (channel.type) {
+    json["malformed"] = channel.malformed;
+    json["repeated"] = channel.repeated;
+    json["stepped_back"] = channel.stepped_back;
+    json["longest_gap_s"] = channel.longest_gap_s;
+    json["least_lag_s"] = channel.least_lag_s;
+    json["greatest_lag_s"] = channel.greatest_lag_s;
+  }
+  return json;
+}
+
+void PrintJson(const Survey& survey, const absl::StatusOr<Proposal>& proposal,
+               const config::Config& given) {
+  nlohmann::json json;
+  json["duration_s"] = survey.duration_s();
+  json["channels"] = nlohmann::json::array();
+  for (const SurveyedChannel& channel : survey.channels()) {
+    json["channels"].push_back(ToJson(channel));
+  }
+  json["remarks"] = Remarks(survey);
+  if (proposal.ok()) {
+    json["pose"] = proposal->pose;
+    json["scans"] = proposal->scans;
+    json["scan_flags"] = proposal->scan_flags;
+    json["chosen_flags"] = FlagsOf(*proposal, given);
+    json["trials"] = nlohmann::json::array();
+    for (const FlagTrial& trial : proposal->trials) json["trials"].push_back(ToJson(trial));
   } else {
-    json["problem"] = ErrorText(choice);
+    json["problem"] = ErrorText(proposal.status());
   }
   // Channel names may be any bytes.
   const auto replace = nlohmann::json::error_handler_t::replace;
   std::printf("%s\n", json.dump(2, ' ', false, replace).c_str());
 }
 
-void PrintTable(const LogSurvey& survey) {
-  std::printf("%-24s %-26s %9s %9s  %s\n", "channel", "type", "messages", "rate_hz", "preset");
-  for (const LoggedChannel& channel : survey.channels) {
-    std::printf("%-24s %-26s %9ld %9.1f  %s\n", absl::Utf8SafeCHexEscape(channel.name).c_str(),
-                TypeOf(channel).c_str(), static_cast<long>(channel.messages), channel.rate_hz,
-                channel.preset.c_str());
+void PrintChannels(const Survey& survey) {
+  fmt::print("{:<24} {:<26} {:>9} {:>9}  {}\n", "channel", "type", "messages", "rate_hz", "preset");
+  for (const SurveyedChannel& channel : survey.channels()) {
+    fmt::print("{:<24} {:<26} {:>9} {:>9.1f}  {}\n", absl::Utf8SafeCHexEscape(channel.name),
+               TypeOf(channel), channel.messages, channel.rate_hz, channel.preset);
   }
-  std::printf("%.1f s\n", survey.duration_s);
+  fmt::print("{:.1f} s\n", survey.duration_s());
+  for (const std::string& remark : Remarks(survey)) {
+    fmt::print("{}\n", absl::Utf8SafeCHexEscape(remark));
+  }
+}
+
+void PrintTrials(const Proposal& proposal) {
+  fmt::print("\nCells of 5 cm that the hits of the same scans lie in; fewer is sharper:\n");
+  fmt::print("{:<20} {:<20} {:>6} {:>9} {:>9} {:>11}\n", "scan", "pose", "scans", "as given",
+             "proposed", "other sign");
+  for (const FlagTrial& trial : proposal.trials) {
+    fmt::print("{:<20} {:<20} {:>6} ", absl::Utf8SafeCHexEscape(trial.scan),
+               absl::Utf8SafeCHexEscape(trial.pose), trial.scans);
+    if (trial.flags) {
+      fmt::print("{:>9.0f} {:>9.0f} {:>11.0f}\n", trial.flags->spread_given, trial.flags->spread,
+                 trial.flags->spread_flipped);
+    } else {
+      fmt::print("the robot turned too little, or has too few poses, to tell\n");
+    }
+  }
+}
+
+absl::StatusOr<Survey> Listen(const Flags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
+  Survey survey;
+  bus->SubscribeToAll([&](const std::string& channel, absl::Span<const uint8_t> message) {
+    const auto now = std::chrono::system_clock::now().time_since_epoch();
+    survey.Add(std::chrono::duration_cast<Utime>(now), channel, message);
+  });
+  using Clock = std::chrono::steady_clock;
+  const auto begin = Clock::now();
+  ProgressBar bar("listening");
+  while (true) {
+    const double passed_s = std::chrono::duration<double>(Clock::now() - begin).count();
+    if (passed_s >= flags.seconds) break;
+    bar.Show(passed_s / flags.seconds);
+    bus->Handle(std::chrono::milliseconds(100));
+  }
+  if (survey.channels().empty()) {
+    return Unavailable("nothing came on the bus for {:g} s; is the LCM URL right?", flags.seconds);
+  }
+  return survey;
 }
 
 absl::StatusOr<int> Doctor(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const config::Config given, ConfigOf(flags.input));
-  LogSurvey survey;
-  {
+  if (flags.live != flags.log.empty()) {
+    return InvalidArgument("give either a LOG or --live, for the bus");
+  }
+  Survey survey;
+  std::string damage;
+  if (flags.live) {
+    SPLINEMAP_ASSIGN_OR_RETURN(survey, Listen(flags));
+  } else {
     ProgressBar bar("reading");
-    SPLINEMAP_ASSIGN_OR_RETURN(survey,
-                               SurveyLog(flags.log, [&](double share) { bar.Show(share); }));
+    const auto show = [&](double share) { bar.Show(share); };
+    SPLINEMAP_ASSIGN_OR_RETURN(survey, SurveyLog(flags.log, show, damage));
   }
-  if (!survey.damage.empty()) fmt::print(stderr, "{}\n", survey.damage);
-  config::Config chosen = given;
-  const absl::Status choice = ChooseChannels(survey, chosen);
+  if (!damage.empty()) fmt::print(stderr, "{}\n", damage);
+  const absl::StatusOr<Proposal> proposal = Propose(survey, given);
   if (flags.json) {
-    PrintJson(survey, chosen, given, choice);
-    return survey.damage.empty() ? kSuccess : kFailed;
+    PrintJson(survey, proposal, given);
+    return damage.empty() ? kSuccess : kFailed;
   }
-  PrintTable(survey);
-  SPLINEMAP_RETURN_IF_ERROR(choice);
-  fmt::print("map it with: {}\n", fmt::join(FlagsOf(chosen, {}), " "));
-  return survey.damage.empty() ? kSuccess : kFailed;
+  PrintChannels(survey);
+  SPLINEMAP_RETURN_IF_ERROR(proposal.status());
+  PrintTrials(*proposal);
+  fmt::print("\nmap it with: --scan {} --pose {}\n", fmt::join(proposal->scan_flags, " --scan "),
+             proposal->pose);
+  return damage.empty() ? kSuccess : kFailed;
 }
 
 constexpr const char* kExamples = R"(
 Examples:
   splinemap doctor drive.lcmlog
-  splinemap doctor drive.lcmlog --json --pose SLAM_POSE)";
+  splinemap doctor drive.lcmlog --json --pose SLAM_POSE
+  splinemap doctor --live --seconds 20
+
+Lists the channels and what is odd about them, tries signs of bearing, time offsets and pose
+channels on the first minutes, and proposes the flags that make the sharpest map. The robot should
+drive and turn meanwhile.)";
 
 }  // namespace
 
 void AddDoctor(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<Flags>();
   CLI::App* command =
-      app.add_subcommand("doctor", "List the channels of an LCM log and how to map it");
+      app.add_subcommand("doctor", "Look at an LCM log or a bus, and tell how to map it");
   command->footer(kExamples);
-  command->add_option("LOG", flags->log, "LCM log")->required();
+  command->add_option("LOG", flags->log, "LCM log");
+  command->add_flag("--live", flags->live, "Listen to the bus instead");
+  command->add_option("--seconds", flags->seconds, "How long to listen (default 15)")
+      ->check(CLI::Range(0.1, 3600.0));
+  command->add_option("--lcm-url", flags->lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
+      ->type_name("URL");
   command->add_flag("--json", flags->json, "Output for programs");
   AddInputFlags(*command, flags->input);
   command->callback([flags, &chosen] { chosen = [flags] { return Doctor(*flags); }; });

@@ -20,11 +20,13 @@ struct Flags {
   bool once = false;
 };
 
+nlohmann::json Counts(const std::vector<std::string>& names, const std::vector<int64_t>& counts) {
+  nlohmann::json json = nlohmann::json::object();
+  for (size_t k = 0; k < names.size(); ++k) json[names[k]] = counts[k];
+  return json;
+}
+
 nlohmann::json ToJson(const status_t& status) {
-  nlohmann::json drops = nlohmann::json::object();
-  for (int k = 0; k < status.num_drop_reasons; ++k) {
-    drops[status.drop_reasons[k]] = status.drop_counts[k];
-  }
   return {{"utime", status.utime},
           {"name", status.name},
           {"incarnation", status.incarnation},
@@ -33,7 +35,8 @@ nlohmann::json ToJson(const status_t& status) {
           {"scans_received", status.scans_received},
           {"poses_received", status.poses_received},
           {"scans_mapped", status.scans_mapped},
-          {"dropped", drops},
+          {"dropped", Counts(status.drop_reasons, status.drop_counts)},
+          {"problems", Counts(status.problems, status.problem_counts)},
           {"messages_queued", status.messages_queued},
           {"scans_queued", status.scans_queued},
           {"newest_scan_utime", status.newest_scan_utime},

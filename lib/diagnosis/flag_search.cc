@@ -17,35 +17,12 @@ using std::chrono::seconds;
 constexpr size_t kMinScans = 10;
 constexpr double kMinTurn_rad = 30 * std::numbers::pi / 180;
 
-// Two scans of a sample are at least one of these apart.
-constexpr double kNewPlace_m = 0.1;
-constexpr double kNewPlace_rad = 3 * std::numbers::pi / 180;
-
 constexpr Utime kMaxTriedOffset = seconds(1);
-// Poses that a scan needs around it: offsets, durations and refinement stay within.
-constexpr Utime kMargin = kMaxTriedOffset + milliseconds(500);
-constexpr Utime kMaxPoseGap = seconds(1);
-constexpr size_t kMaxWaiting = 1000;
-
 constexpr double kClearlySharper = 0.8;
 constexpr double kSharper = 0.95;
 
-// A reading kept in `count` beams, evenly.
-RangeReadings Thinned(RangeReadings readings, size_t max_beams) {
-  const size_t step = (readings.ranges_m.size() + max_beams - 1) / max_beams;
-  if (step <= 1) return readings;
-  RangeReadings thin;
-  thin.utime = readings.utime;
-  for (size_t k = 0; k < readings.ranges_m.size(); k += step) {
-    thin.ranges_m.push_back(readings.ranges_m[k]);
-    thin.bearings_rad.push_back(readings.bearings_rad[k]);
-    if (!readings.beam_utimes.empty()) thin.beam_utimes.push_back(readings.beam_utimes[k]);
-  }
-  return thin;
-}
-
 bool HasBeamTimes(const DriveSample& sample) {
-  return std::all_of(sample.scans().begin(), sample.scans().end(), &HaveUsefulBeamTimes);
+  return std::all_of(sample.scans.begin(), sample.scans.end(), &HaveUsefulBeamTimes);
 }
 
 // Appends the hits of a scan. Poses between those of the first and the last beam are interpolated
@@ -137,9 +114,12 @@ SensorOptions WithBestTimes(const DriveSample& sample, const SensorOptions& give
     ways.back().use_beam_times = true;
   }
   for (const SensorOptions& way : ways) {
-    TryOffsets(best, way, given.time_offset, kMaxTriedOffset, milliseconds(100));
+    Best best_of_way(sample, way);
+    TryOffsets(best_of_way, way, given.time_offset, kMaxTriedOffset, milliseconds(100));
+    TryOffsets(best_of_way, way, best_of_way.options().time_offset, milliseconds(75),
+               milliseconds(25));
+    best.Try(best_of_way.options());
   }
-  TryOffsets(best, best.options(), best.options().time_offset, milliseconds(75), milliseconds(25));
   return best.spread() < kSharper * spread_given ? best.options() : given;
 }
 
@@ -167,60 +147,18 @@ std::vector<std::string> OptionsBeside(const SensorOptions& preset, const Sensor
 
 }  // namespace
 
-DriveSample::DriveSample(size_t max_scans, size_t max_beams)
-    : max_scans_(max_scans), max_beams_(max_beams), poses_(std::chrono::hours(24)) {}
-
-void DriveSample::AddPose(const TimedPose& pose) {
-  if (full()) return;
-  poses_.Add(pose);
-  KeepScans();
-}
-
-void DriveSample::AddScan(RangeReadings readings, Utime time_offset) {
-  if (full()) return;
-  waiting_.emplace_back(Thinned(std::move(readings), max_beams_), time_offset);
-  if (waiting_.size() > kMaxWaiting) waiting_.pop_front();
-  KeepScans();
-}
-
-void DriveSample::KeepScans() {
-  while (!waiting_.empty() && !full() && !poses_.empty()) {
-    auto& [readings, time_offset] = waiting_.front();
-    const Utime utime = readings.utime + time_offset;
-    if (poses_.newest() < utime + kMargin) return;
-    const auto bracket = poses_.Find(utime);
-    if (poses_.oldest() <= utime - kMargin && bracket &&
-        bracket->after->utime - bracket->before->utime <= kMaxPoseGap &&
-        IsNewPlace(Interpolate(*bracket, utime))) {
-      scans_.push_back(std::move(readings));
-    }
-    waiting_.pop_front();
-  }
-}
-
-bool DriveSample::IsNewPlace(const Pose2& world_T_robot) {
-  if (last_place_) {
-    const double moved_m = (world_T_robot.position_m - last_place_->position_m).norm();
-    const double turned_rad = std::abs(WrapAngle(world_T_robot.yaw_rad - last_place_->yaw_rad));
-    if (moved_m < kNewPlace_m && turned_rad < kNewPlace_rad) return false;
-    turned_rad_ += turned_rad;
-  }
-  last_place_ = world_T_robot;
-  return true;
-}
-
 double SpreadOf(const DriveSample& sample, const SensorOptions& options) {
   std::vector<Eigen::Vector2d> hits;
-  for (const RangeReadings& readings : sample.scans()) {
+  for (const RangeReadings& readings : sample.scans) {
     if (const auto scan = PrepareScan(readings, options, 0); scan.ok()) {
-      PlaceHits(*scan, sample.poses(), hits);
+      PlaceHits(*scan, sample.poses, hits);
     }
   }
   return HitSpread(hits);
 }
 
 std::optional<FlagProposal> SearchFlags(const DriveSample& sample, const SensorOptions& given) {
-  if (sample.scans().size() < kMinScans || sample.turned_rad() < kMinTurn_rad) return std::nullopt;
+  if (sample.scans.size() < kMinScans || sample.turned_rad < kMinTurn_rad) return std::nullopt;
   FlagProposal proposal;
   proposal.options = WithBestTimes(sample, WithBestDirections(sample, given));
   proposal.spread = SpreadOf(sample, proposal.options);

@@ -53,7 +53,7 @@ Mapper::Mapper(const config::Config& config, MapOptions map_options, Layer& laye
       channel.preset = scan.preset();
       channel.options = SensorOptionsOf(scan, channel.preset);
     }
-    channel.drive = std::make_unique<DriveSample>(kDriveScans, kDriveBeams);
+    channel.drive = std::make_unique<DriveCollector>(kDriveScans, kDriveBeams);
     if (scan.has_extrinsics_channel()) channels_.push_back(scan.extrinsics_channel());
   }
   std::sort(channels_.begin(), channels_.end());
@@ -86,7 +86,7 @@ void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message) {
   const std::optional<MessageType> type = TypeOf(message);
   absl::StatusOr<RangeReadings> readings = DecodeScan(message);
   if (!readings.ok()) {
-    Drop(type && IsScan(*type) ? DropReason::kMalformedScan : DropReason::kWrongType, name,
+    Drop(type && IsScan(*type) ? DropReason::kMalformedScan : DropReason::kWrongTypeOfScan, name,
          ErrorText(readings.status()));
     return;
   }
@@ -136,9 +136,8 @@ bool Mapper::ChooseOptions(ScanChannel& channel, MessageType type, const RangeRe
 void Mapper::HandleExtrinsics(ScanChannel& channel, absl::Span<const uint8_t> message) {
   const absl::StatusOr<SensorMount> mount = DecodeSensorMount(message);
   if (!mount.ok()) {
-    Drop(TypeOf(message) == MessageType::kRigidTransform ? DropReason::kMalformedExtrinsics
-                                                         : DropReason::kWrongType,
-         channel.config.extrinsics_channel(), ErrorText(mount.status()));
+    Drop(DropReason::kMalformedExtrinsics, channel.config.extrinsics_channel(),
+         ErrorText(mount.status()));
     return;
   }
   channel.mount = *mount;
@@ -149,8 +148,8 @@ void Mapper::HandlePose(absl::Span<const uint8_t> message) {
   const absl::StatusOr<TimedPose> pose = DecodePose(message);
   if (!pose.ok()) {
     const auto type = TypeOf(message);
-    Drop(type && IsPose(*type) ? DropReason::kMalformedPose : DropReason::kWrongType, pose_channel_,
-         ErrorText(pose.status()));
+    Drop(type && IsPose(*type) ? DropReason::kMalformedPose : DropReason::kWrongTypeOfPose,
+         pose_channel_, ErrorText(pose.status()));
     return;
   }
   if (const Eigen::Vector2d& p = pose->world_T_robot.position_m;
@@ -221,8 +220,8 @@ void Mapper::CheckAgainstMap(ScanChannel& channel, const PlacedScan& scan) {
 
 void Mapper::TryOtherFlags(ScanChannel& channel) {
   if (!channel.drive->full()) return;
-  const std::unique_ptr<DriveSample> drive = std::move(channel.drive);
-  const auto proposal = SearchFlags(*drive, *channel.options);
+  const std::unique_ptr<DriveCollector> drive = std::move(channel.drive);
+  const auto proposal = SearchFlags(drive->sample(), *channel.options);
   if (!proposal || proposal->spread > kClearlySharper * proposal->spread_given) return;
   const std::string& name = channel.config.channel();
   Find(Symptom::kFlagsDisagree, name,

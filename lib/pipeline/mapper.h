@@ -60,9 +60,9 @@ class Mapper {
  private:
   struct ScanChannel {
     config::Scan config;
-    std::optional<SensorOptions> options;  // known from the first message on
-    std::optional<SensorMount> mount;      // newest of its extrinsics_channel
-    std::unique_ptr<DriveSample> drive;    // until the flags were tried on it
+    std::optional<SensorOptions> options;   // known from the first message on
+    std::optional<SensorMount> mount;       // newest of its extrinsics_channel
+    std::unique_ptr<DriveCollector> drive;  // until the flags were tried on it
     std::string preset;
     std::optional<Utime> newest_utime;        // of its scans, time offset included
     std::optional<Pose2> last_world_T_robot;  // of its last scan mapped

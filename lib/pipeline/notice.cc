@@ -20,8 +20,8 @@ const char* SymptomName(Symptom symptom) {
       return "host_clock_jump";
     case Symptom::kSilence:
       return "silence";
-    case Symptom::kLostOnBus:
-      return "lost_on_bus";
+    case Symptom::kLostDatagrams:
+      return "lost_datagrams";
   }
   return "unknown";
 }

@@ -17,9 +17,9 @@ enum class Symptom {
   kTimeJump,          // message time stepped back
   kHostClockJump,     // the clock of this computer was set
   kSilence,           // a channel from which nothing comes
-  kLostOnBus,         // messages that the system dropped before the daemon could take them
+  kLostDatagrams,     // dropped by the system before the daemon could take them
 };
-inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kLostOnBus) + 1;
+inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kLostDatagrams) + 1;
 
 // As in status messages: "useless_beam_times".
 const char* SymptomName(Symptom symptom);

@@ -10,9 +10,10 @@ struct Words {
 
 Words WordsOf(DropReason reason) {
   switch (reason) {
-    case DropReason::kWrongType:
-      return {"wrong_type",
-              "the channel carries another type of message than it is configured for"};
+    case DropReason::kWrongTypeOfScan:
+      return {"wrong_type_of_scan", "a scan channel carries another type of message"};
+    case DropReason::kWrongTypeOfPose:
+      return {"wrong_type_of_pose", "the pose channel carries another type of message"};
     case DropReason::kMalformedScan:
       return {"malformed_scan", "the message cannot be decoded"};
     case DropReason::kUnusableScan:

@@ -8,22 +8,23 @@ namespace splinemap {
 
 // Why a message was not mapped.
 enum class DropReason {
-  kWrongType,        // another type of message than its channel is for
-  kMalformedScan,    // cannot be decoded
-  kUnusableScan,     // decoded, but of no use with the options of its channel
-  kNoExtrinsics,     // came before the transform of its sensor
-  kDuplicateScan,    // channel and time of an earlier one
-  kLateScan,         // older than a scan that is mapped already
-  kScanWithoutPose,  // never bracketed by poses
-  kScanInPoseGap,    // bracketed by poses too far apart
-  kScanQueueFull,    // the oldest, when too many wait for poses
-  kMalformedPose,    // cannot be decoded
-  kPoseOutOfRange,   // beyond the coordinates that control points exist for
-  kDuplicatePose,    // time of an earlier one, or too old to keep
-  kMalformedExtrinsics,
-  kStoodStill,  // the motion filter
-  kMapFull,     // the map has its greatest size
-  kOverload,    // received faster than mapped; voids that equal input gives equal maps
+  kWrongTypeOfScan,      // another type of message on a scan channel
+  kMalformedScan,        // cannot be decoded
+  kUnusableScan,         // decoded, but of no use with the options of its channel
+  kNoExtrinsics,         // came before the transform of its sensor
+  kDuplicateScan,        // channel and time of an earlier one
+  kLateScan,             // older than a scan that is mapped already
+  kScanWithoutPose,      // never bracketed by poses
+  kScanInPoseGap,        // bracketed by poses too far apart
+  kScanQueueFull,        // the oldest, when too many wait for poses
+  kWrongTypeOfPose,      // another type of message on the pose channel
+  kMalformedPose,        // cannot be decoded
+  kPoseOutOfRange,       // beyond the coordinates that control points exist for
+  kDuplicatePose,        // time of an earlier one, or too old to keep
+  kMalformedExtrinsics,  // cannot be used, or of another type
+  kStoodStill,           // the motion filter
+  kMapFull,              // the map has its greatest size
+  kOverload,             // received faster than mapped; voids that equal input gives equal maps
 };
 inline constexpr int kNumDropReasons = static_cast<int>(DropReason::kOverload) + 1;
 

@@ -30,6 +30,11 @@ class PoseBuffer {
   Utime oldest() const { return poses_.front().utime; }  // requires !empty()
   Utime newest() const { return poses_.back().utime; }   // requires !empty()
   void Clear() { poses_.clear(); }
+  // In the order of time.
+  template <typename Visitor>
+  void ForEach(Visitor visit) const {
+    for (const TimedPose& pose : poses_) visit(pose);
+  }
 
   // The poses at or next before and at or next after `utime`, or nothing where one is missing.
   // Equal where a pose has exactly this time.

@@ -58,6 +58,13 @@ class SizeWalk {
   bool fits_ = true;
 };
 
+// Requires eight bytes or more.
+uint64_t BigEndian64(absl::Span<const uint8_t> bytes) {
+  uint64_t value = 0;
+  for (size_t k = 0; k < 8; ++k) value = (value << 8) | bytes[k];
+  return value;
+}
+
 bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
   SizeWalk walk(message);
   walk.Skip(kFingerprintBytes);
@@ -172,6 +179,17 @@ absl::StatusOr<TimedPose> DecodeMichiganPose(absl::Span<const uint8_t> bytes) {
                    {{double{message.x}, double{message.y}}, double{message.theta}}};
 }
 
+std::optional<MessageType> TypeOfFingerprint(uint64_t fingerprint) {
+  const auto hash = static_cast<int64_t>(fingerprint);
+  if (hash == bot_core::planar_lidar_t::getHash()) return MessageType::kPlanarLidar;
+  if (hash == bot_core::pose_t::getHash()) return MessageType::kPose;
+  if (hash == michigan::lidar_t::getHash()) return MessageType::kMichiganLidar;
+  if (hash == michigan::pose_xyt_t::getHash()) return MessageType::kMichiganPose;
+  if (hash == bot_core::rigid_transform_t::getHash()) return MessageType::kRigidTransform;
+  if (hash == status_t::getHash()) return MessageType::kStatus;
+  return std::nullopt;
+}
+
 absl::Status UnknownType(absl::Span<const uint8_t> message, const char* expected) {
   return InvalidArgument("{}; {}", Describe(message), expected);
 }
@@ -204,36 +222,34 @@ bool IsPose(MessageType type) {
   return type == MessageType::kPose || type == MessageType::kMichiganPose;
 }
 
-std::string Describe(absl::Span<const uint8_t> message) {
+std::string FingerprintName(uint64_t fingerprint) {
   // Of the Michigan stacks; only named, never read.
   constexpr uint64_t kOccupancyGrid = 0xd5447e494a66cc92;
+  if (const auto type = TypeOfFingerprint(fingerprint)) return TypeName(*type);
+  if (fingerprint == kOccupancyGrid) return "occupancy_grid_t";
+  return "";
+}
+
+std::string Describe(absl::Span<const uint8_t> message) {
   const auto fingerprint = FingerprintOf(message);
   if (!fingerprint) return fmt::format("{} bytes that are no LCM message", message.size());
-  const auto type = TypeOf(message);
+  const std::string name = FingerprintName(*fingerprint);
   return fmt::format("a message of fingerprint {:#018x}, which is {}", *fingerprint,
-                     type                            ? TypeName(*type)
-                     : fingerprint == kOccupancyGrid ? "an occupancy_grid_t"
-                                                     : "of no type that splinemap knows");
+                     name.empty() ? "of no type that splinemap knows" : name);
 }
 
 std::optional<uint64_t> FingerprintOf(absl::Span<const uint8_t> message) {
   if (message.size() < kFingerprintBytes) return std::nullopt;
-  uint64_t fingerprint = 0;
-  for (size_t k = 0; k < kFingerprintBytes; ++k) fingerprint = (fingerprint << 8) | message[k];
-  return fingerprint;
+  return BigEndian64(message);
+}
+
+Utime UtimeOf(absl::Span<const uint8_t> message) {
+  return Utime(static_cast<int64_t>(BigEndian64(message.subspan(kFingerprintBytes))));
 }
 
 std::optional<MessageType> TypeOf(absl::Span<const uint8_t> message) {
   const auto fingerprint = FingerprintOf(message);
-  if (!fingerprint) return std::nullopt;
-  const auto hash = static_cast<int64_t>(*fingerprint);
-  if (hash == bot_core::planar_lidar_t::getHash()) return MessageType::kPlanarLidar;
-  if (hash == bot_core::pose_t::getHash()) return MessageType::kPose;
-  if (hash == michigan::lidar_t::getHash()) return MessageType::kMichiganLidar;
-  if (hash == michigan::pose_xyt_t::getHash()) return MessageType::kMichiganPose;
-  if (hash == bot_core::rigid_transform_t::getHash()) return MessageType::kRigidTransform;
-  if (hash == status_t::getHash()) return MessageType::kStatus;
-  return std::nullopt;
+  return fingerprint ? TypeOfFingerprint(*fingerprint) : std::nullopt;
 }
 
 absl::StatusOr<RangeReadings> DecodeScan(absl::Span<const uint8_t> message) {

@@ -29,6 +29,10 @@ const char* TypeName(MessageType type);
 bool IsScan(MessageType type);
 bool IsPose(MessageType type);
 
+// The name of a type by its fingerprint, also of some that splinemap does not read; empty for one
+// that is not known.
+std::string FingerprintName(uint64_t fingerprint);
+
 // What a message is, for people: the type's name, or the fingerprint and what is known of it, or
 // that it is no LCM message.
 std::string Describe(absl::Span<const uint8_t> message);
@@ -36,6 +40,8 @@ std::string Describe(absl::Span<const uint8_t> message);
 // The first eight bytes, or nothing where there are fewer.
 std::optional<uint64_t> FingerprintOf(absl::Span<const uint8_t> message);
 std::optional<MessageType> TypeOf(absl::Span<const uint8_t> message);
+// The time stamp, of a message that one of the functions below has decoded.
+Utime UtimeOf(absl::Span<const uint8_t> message);
 
 // Decode what any process may have put on the bus. Every count is checked against the bytes
 // received before anything is allocated. InvalidArgument in words for another type, a wrong size, a

@@ -1,17 +1,10 @@
 #include "lib/wire/lcm_bus.h"
 
 #include <cctype>
-#include <filesystem>
-#include <fstream>
-#include <set>
-#include <string_view>
 #include <thread>
-#include <vector>
 
-#include "absl/strings/numbers.h"
-#include "absl/strings/str_split.h"
 #include "lib/base/status.h"
-#include "lib/wire/udp_guard.h"
+#include "lib/wire/udp_sockets.h"
 
 namespace splinemap {
 namespace {
@@ -28,20 +21,6 @@ std::string Literal(const std::string& channel) {
     escaped += c;
   }
   return escaped;
-}
-
-// Inode numbers of the sockets of this process.
-std::set<std::string> OwnSockets() {
-  std::set<std::string> inodes;
-  std::error_code error;
-  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd", error)) {
-    const std::string target = std::filesystem::read_symlink(entry.path(), error).string();
-    constexpr std::string_view kSocket = "socket:[";
-    if (target.starts_with(kSocket)) {
-      inodes.insert(target.substr(kSocket.size(), target.size() - kSocket.size() - 1));
-    }
-  }
-  return inodes;
 }
 
 void Forward(const lcm::ReceiveBuffer* buffer, const std::string& channel,
@@ -83,25 +62,6 @@ LcmBus::Handled LcmBus::Handle(std::chrono::milliseconds timeout) {
   if (result == 0) return Handled::kNothing;
   std::this_thread::sleep_for(timeout);  // do not spin on it
   return Handled::kBroken;
-}
-
-int64_t LcmBus::LostInSocket() {
-  // A header, and then a line for each socket: the tenth field is its inode, the last its drops.
-  constexpr size_t kInodeField = 9;
-  const std::set<std::string> own = OwnSockets();
-  std::ifstream table("/proc/self/net/udp");
-  std::string line;
-  int64_t lost = 0;
-  std::getline(table, line);
-  while (std::getline(table, line)) {
-    const std::vector<std::string> fields = absl::StrSplit(line, ' ', absl::SkipEmpty());
-    int64_t drops = 0;
-    if (fields.size() > kInodeField && own.contains(fields[kInodeField]) &&
-        absl::SimpleAtoi(fields.back(), &drops)) {
-      lost += drops;
-    }
-  }
-  return lost;
 }
 
 }  // namespace splinemap

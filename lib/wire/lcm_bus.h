@@ -33,10 +33,6 @@ class LcmBus {
   // also after `timeout`, where the connection does not work.
   Handled Handle(std::chrono::milliseconds timeout);
 
-  // Packets that the system dropped because this process did not take them in time: those of all
-  // UDP sockets of the process, as Linux counts them in /proc/net/udp.
-  static int64_t LostInSocket();
-
   template <typename Message>
   void Publish(const std::string& channel, const Message& message) {
     // On tcpq, publishing from two threads at once corrupts the stream.

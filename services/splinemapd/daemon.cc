@@ -8,6 +8,7 @@
 
 #include "lib/base/random.h"
 #include "lib/base/status.h"
+#include "lib/wire/udp_sockets.h"
 
 namespace splinemap {
 namespace {
@@ -99,7 +100,9 @@ absl::Status Daemon::LoadMap(const std::string& name) {
     map_ = std::make_unique<Map>(MapOptionsOf(config_.method()));
   } else {
     SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, file_.Load());
-    for (const std::string& damage : loaded.damages) spdlog::error("{}", damage);
+    for (const std::string& damage : loaded.damages) {
+      ReportProblem({.subject = damage, .text = damage});
+    }
     const MapOptions& options = loaded.map->options;
     SPLINEMAP_RETURN_IF_ERROR(CheckMethod(config_.method(), options, MapPath(config_)));
     map_ = std::make_unique<Map>(options);
@@ -209,14 +212,19 @@ void Daemon::Find(Symptom symptom, const std::string& subject, std::string text,
 void Daemon::SaveNowAndThen(const std::stop_token& stop) {
   Mutex sleep_mutex;
   ConditionVariable sleep;
+  bool is_failing = false;
   while (true) {
     std::unique_lock lock(sleep_mutex);
     sleep.wait_for(lock, stop, std::chrono::duration<double>(config_.service().save_interval_s()),
                    [] { return false; });
     if (stop.stop_requested()) return;
-    if (absl::Status status = Save(); !status.ok()) {
+    const absl::Status status = Save();
+    if (!status.ok()) {
       ReportProblem({.subject = "save", .text = "the map is not saved: " + ErrorText(status)});
+    } else if (is_failing) {
+      spdlog::info("the map is saved again");
     }
+    is_failing = !status.ok();
   }
 }
 
@@ -269,14 +277,24 @@ void Daemon::LookAround() {
                               SilenceWatch::kSilence.count()));
     }
   }
-  if (const int64_t lost = bus_->LostInSocket(); lost > lost_on_bus_) {
-    Find(Symptom::kLostOnBus, "",
-         fmt::format("{} packets were lost before splinemapd could take them, so equal input does "
-                     "not give equal maps; raise net.core.rmem_max and add recv_buf_size to the "
-                     "LCM URL",
-                     lost - lost_on_bus_),
-         lost - lost_on_bus_);
-    lost_on_bus_ = lost;
+  LookForLosses();
+}
+
+void Daemon::LookForLosses() {
+  const int64_t lost = CountLostDatagrams();
+  if (const int64_t more = lost - std::exchange(lost_datagrams_, lost); more > 0) {
+    Find(Symptom::kLostDatagrams, "",
+         fmt::format("{} datagrams were lost before splinemapd could take them, of any channel; "
+                     "raise net.core.rmem_max, and recv_buf_size in the LCM URL",
+                     more),
+         more);
+  }
+  const int64_t dropped = ingest_.dropped();
+  if (const int64_t more = dropped - std::exchange(dropped_by_overload_, dropped); more > 0) {
+    ReportProblem({.subject = "overload",
+                   .text = fmt::format("dropped {} {}: {}", more, DropName(DropReason::kOverload),
+                                       DropExplanation(DropReason::kOverload)),
+                   .times = more});
   }
 }
 
@@ -346,7 +364,11 @@ absl::Status Daemon::Stop() {
     thread->request_stop();
     thread->join();
   }
-  SPLINEMAP_RETURN_IF_ERROR(Save());
+  if (const absl::Status saved = Save(); !saved.ok()) {
+    const status_t status = Status();
+    return Unavailable("{}; the last {} of {} commits to the map are lost", ErrorText(saved),
+                       status.revision - status.saved_revision, status.revision);
+  }
   SPLINEMAP_RETURN_IF_ERROR(file_.Close());
   PublishStatus();
   const status_t status = Status();

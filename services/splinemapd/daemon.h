@@ -77,6 +77,7 @@ class Daemon {
   // A symptom that the daemon sees beside the mapper.
   void Find(Symptom symptom, const std::string& subject, std::string text, int64_t times = 1);
   void LookAround();
+  void LookForLosses();
   void SaveNowAndThen(const std::stop_token& stop);
   absl::Status Save();
   status_t Status();
@@ -98,7 +99,8 @@ class Daemon {
   // Of the caller's thread.
   HostClockWatch host_clock_;
   std::deque<SilenceWatch> silences_;  // as heard_
-  int64_t lost_on_bus_ = 0;
+  int64_t lost_datagrams_ = 0;
+  int64_t dropped_by_overload_ = 0;
 
   // By channel of the mapper: messages received. Written by the receiving thread.
   std::deque<std::atomic<int64_t>> heard_;

@@ -101,8 +101,9 @@ std::vector<uint8_t> TakeMessage(FuzzInput& input, Utime& clock) {
 }
 
 int64_t ScanDrops(const DropCounts& drops) {
-  return drops.Total() - drops[DropReason::kMalformedPose] - drops[DropReason::kPoseOutOfRange] -
-         drops[DropReason::kDuplicatePose];
+  return drops.Total() - drops[DropReason::kWrongTypeOfPose] - drops[DropReason::kMalformedPose] -
+         drops[DropReason::kPoseOutOfRange] - drops[DropReason::kDuplicatePose] -
+         drops[DropReason::kMalformedExtrinsics];
 }
 
 void Run(FuzzInput input) {

@@ -138,9 +138,13 @@ cat two_renamed.lcmlog >> two.lcmlog
 expect 2 splinemap build two.lcmlog --out two.splinemap
 expect_text "--pose ODOM" err
 expect_text "--pose POSE" err
-expect 2 splinemap doctor two.lcmlog
-expect 0 splinemap doctor two.lcmlog --json
-[[ $(jq -r .problem out) == *"--pose"* ]] || fail "doctor --json"
+expect 0 splinemap doctor two.lcmlog --json  # the poses that are not as sparse
+[[ $(jq -c .chosen_flags out) == '["--scan","LASER","--pose","POSE"]' ]] || fail "doctor: $(cat out)"
+[[ $(jq '[.trials[].scans_compared] | unique | length' out) == 1 ]] || fail "the same scans: $(cat out)"
+expect 2 splinemap doctor
+expect 2 splinemap doctor two.lcmlog --live
+expect 1 splinemap doctor --live --seconds 0.2 --lcm-url memq://
+expect_text "nothing came" err
 
 # import-carmen
 {

@@ -103,7 +103,7 @@ TEST_F(DaemonTest, MapsAndSaysWhatItDid) {
   EXPECT_GE(status.newest_scan_age_s, 0);
   EXPECT_GT(status.tiles, 0);
   ASSERT_EQ(status.num_drop_reasons, 1);
-  EXPECT_EQ(status.drop_reasons[0], "wrong_type");
+  EXPECT_EQ(status.drop_reasons[0], "wrong_type_of_scan");
   EXPECT_EQ(status.messages_dropped, 1);
   EXPECT_NE(status.last_problem, "");
 }

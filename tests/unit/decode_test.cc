@@ -59,6 +59,9 @@ status_t Status() {
   status.num_drop_reasons = 2;
   status.drop_reasons = {"late_scan", "overload"};
   status.drop_counts = {3, 4};
+  status.num_problems = 1;
+  status.problems = {"time_jump"};
+  status.problem_counts = {2};
   status.last_problem = "none";
   return status;
 }
@@ -123,6 +126,8 @@ TEST(DecodeTest, StatusRoundTrips) {
   const auto status = DecodeStatus(Encode(Status()));
   ASSERT_TRUE(status.ok()) << status.status();
   EXPECT_EQ(status->drop_reasons, Status().drop_reasons);
+  EXPECT_EQ(status->problems, Status().problems);
+  EXPECT_EQ(status->problem_counts, Status().problem_counts);
   EXPECT_EQ(status->last_problem, "none");
 }
 

@@ -102,7 +102,8 @@ TEST_F(MapperTest, WhatCannotBeUsedIsCountedAndSaid) {
   Pose(0);
   Pose(0);
   const MapperCounts counts = mapper_->counts();
-  EXPECT_EQ(counts.drops[DropReason::kWrongType], 6);
+  EXPECT_EQ(counts.drops[DropReason::kWrongTypeOfScan], 3);
+  EXPECT_EQ(counts.drops[DropReason::kWrongTypeOfPose], 3);
   EXPECT_EQ(counts.drops[DropReason::kPoseOutOfRange], 3);
   EXPECT_EQ(counts.drops[DropReason::kDuplicatePose], 1);
   EXPECT_EQ(counts.drops.Total(), 10);
@@ -163,7 +164,7 @@ TEST_F(MapperTest, ExtrinsicsComeFromTheirChannel) {
   ScanLeft(200);
   EXPECT_GT(At(-1, -2), 0.5) << "upside down";
   mapper_->HandleMessage("MOUNT", Encode(PoseMessage({Utime(0), {}})));
-  EXPECT_EQ(mapper_->counts().drops[DropReason::kWrongType], 1);
+  EXPECT_EQ(mapper_->counts().drops[DropReason::kMalformedExtrinsics], 2) << "another type";
 }
 
 TEST_F(MapperTest, BeamTimesThatAreAllTheSameAreSaid) {

@@ -1,9 +1,11 @@
-#include "lib/wire/udp_guard.h"
+#include "lib/wire/udp_sockets.h"
 
 #include <dirent.h>
 #include <linux/filter.h>
+#include <linux/sock_diag.h>
 #include <sys/socket.h>
 
+#include <array>
 #include <cstdint>
 #include <cstdlib>
 #include <vector>
@@ -61,20 +63,39 @@ bool Is(int fd, int option, int value) {
   return getsockopt(fd, SOL_SOCKET, option, &actual, &size) == 0 && actual == value;
 }
 
+// liblcm does not tell its own.
+std::vector<int> UdpSockets() {
+  std::vector<int> sockets;
+  DIR* const fds = opendir("/proc/self/fd");
+  if (fds == nullptr) return sockets;
+  while (const dirent* entry = readdir(fds)) {
+    const int fd = std::atoi(entry->d_name);  // "." and ".." become 0, which is no UDP socket
+    if (Is(fd, SO_DOMAIN, AF_INET) && Is(fd, SO_TYPE, SOCK_DGRAM)) sockets.push_back(fd);
+  }
+  closedir(fds);
+  return sockets;
+}
+
 }  // namespace
 
 void GuardUdpSockets() {
-  DIR* const fds = opendir("/proc/self/fd");  // liblcm does not tell its own
-  if (fds == nullptr) return;
   std::vector<sock_filter> filter = Filter();
   const sock_fprog program = {static_cast<unsigned short>(filter.size()), filter.data()};
-  while (const dirent* entry = readdir(fds)) {
-    const int fd = std::atoi(entry->d_name);  // "." and ".." become 0, which is no UDP socket
-    if (Is(fd, SO_DOMAIN, AF_INET) && Is(fd, SO_TYPE, SOCK_DGRAM)) {
-      setsockopt(fd, SOL_SOCKET, SO_ATTACH_FILTER, &program, sizeof(program));
+  for (const int fd : UdpSockets()) {
+    setsockopt(fd, SOL_SOCKET, SO_ATTACH_FILTER, &program, sizeof(program));
+  }
+}
+
+int64_t CountLostDatagrams() {
+  int64_t lost = 0;
+  for (const int fd : UdpSockets()) {
+    std::array<uint32_t, SK_MEMINFO_VARS> info{};
+    socklen_t size = sizeof(info);
+    if (getsockopt(fd, SOL_SOCKET, SO_MEMINFO, info.data(), &size) == 0) {
+      lost += info[SK_MEMINFO_DROPS];
     }
   }
-  closedir(fds);
+  return lost;
 }
 
 }  // namespace splinemap

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstdint>
+
 namespace splinemap {
 
 // Has the kernel refuse, on the UDP sockets that this process has now, datagrams that crash every
@@ -12,5 +14,9 @@ namespace splinemap {
 // kMaxBeams has a third of that. What is no LCM datagram passes. Where the kernel cannot filter,
 // nothing changes.
 void GuardUdpSockets();
+
+// Datagrams that the kernel dropped on those sockets since they are open, because their buffer was
+// full. What the guard refuses does not count.
+int64_t CountLostDatagrams();
 
 }  // namespace splinemap

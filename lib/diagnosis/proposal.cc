@@ -1,0 +1,226 @@
+#include "lib/diagnosis/proposal.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "lib/base/status.h"
+
+namespace splinemap {
+namespace {
+
+constexpr size_t kSampleScans = 200;
+constexpr size_t kMinScans = 10;
+// Time stamps of one clock differ by less, on the way to the log: wireless links take their time.
+constexpr double kOtherClock_s = 0.5;
+constexpr double kLongGap_s = 1;
+
+std::vector<std::string> ChannelsOf(const Survey& survey, bool (*is_kind)(MessageType)) {
+  std::vector<std::string> names;
+  for (const SurveyedChannel& channel : survey.channels()) {
+    if (channel.type && is_kind(*channel.type)) names.push_back(channel.name);
+  }
+  return names;
+}
+
+// What to add to the stamps of `scan` to have the clock of `pose`.
+Utime ClockOffset(const Survey& survey, const std::string& scan, const std::string& pose) {
+  const double offset_s = survey.Find(scan)->least_lag_s - survey.Find(pose)->least_lag_s;
+  if (std::abs(offset_s) < kOtherClock_s) return Utime(0);
+  return std::chrono::milliseconds(std::llround(offset_s * 1000));
+}
+
+std::string PresetOf(const Survey& survey, const config::Scan& scan) {
+  if (scan.preset() != "auto") return scan.preset();
+  const std::string& told = survey.Find(scan.channel())->preset;
+  return told.empty() ? "bot_core" : told;
+}
+
+DriveSample Sample(const std::vector<RangeReadings>& scans, const PoseBuffer& poses,
+                   Utime time_offset) {
+  DriveCollector collector(kSampleScans, Survey::kMaxBeams);
+  poses.ForEach([&](const TimedPose& pose) { collector.AddPose(pose); });
+  for (const RangeReadings& readings : scans) collector.AddScan(readings, time_offset);
+  return collector.sample();
+}
+
+// The flags of one scan channel, tried with each pose channel.
+class Trials {
+ public:
+  Trials(const Survey& survey, const config::Scan& scan, const std::vector<std::string>& poses)
+      : survey_(survey), given_(SensorOptionsOf(scan, PresetOf(survey, scan))) {
+    for (const std::string& pose : poses) {
+      trials_.push_back({.scan = scan.channel(),
+                         .pose = pose,
+                         .clock_offset = ClockOffset(survey, scan.channel(), pose),
+                         .scans = 0,
+                         .flags = std::nullopt});
+    }
+  }
+
+  std::vector<FlagTrial> Run() {
+    std::vector<DriveSample> samples;
+    for (const FlagTrial& trial : trials_) {
+      samples.push_back(
+          Sample(survey_.ScansOf(trial.scan), survey_.PosesOf(trial.pose), TimeOffset(trial)));
+    }
+    CompareEqualScans(samples);
+    for (size_t k = 0; k < trials_.size(); ++k) {
+      SensorOptions options = given_;
+      options.time_offset = TimeOffset(trials_[k]);
+      trials_[k].scans = samples[k].scans.size();
+      trials_[k].flags = SearchFlags(samples[k], options);
+    }
+    return std::move(trials_);
+  }
+
+ private:
+  Utime TimeOffset(const FlagTrial& trial) const { return given_.time_offset + trial.clock_offset; }
+
+  // Spreads can be compared between pose channels where all have the same scans: those of the
+  // largest sample that have poses of every channel that has any to offer.
+  void CompareEqualScans(std::vector<DriveSample>& samples) const {
+    const auto largest = std::max_element(
+        samples.begin(), samples.end(),
+        [](const DriveSample& a, const DriveSample& b) { return a.scans.size() < b.scans.size(); });
+    std::vector<RangeReadings> scans = largest->scans;
+    const double turned_rad = largest->turned_rad;
+    const auto is_usable = [](const DriveSample& s) { return s.scans.size() >= kMinScans; };
+    for (size_t k = 0; k < samples.size(); ++k) {
+      if (!is_usable(samples[k])) continue;
+      std::erase_if(scans, [&](const RangeReadings& readings) {
+        return !HasPosesAround(samples[k].poses, readings.utime + TimeOffset(trials_[k]));
+      });
+    }
+    if (scans.size() < kMinScans) return;
+    for (DriveSample& sample : samples) {
+      if (!is_usable(sample)) continue;
+      sample.scans = scans;
+      sample.turned_rad = turned_rad;
+    }
+  }
+
+  const Survey& survey_;
+  SensorOptions given_;
+  std::vector<FlagTrial> trials_;
+};
+
+const FlagTrial* Sharpest(const std::vector<FlagTrial>& trials, const std::string& scan) {
+  const FlagTrial* best = nullptr;
+  for (const FlagTrial& trial : trials) {
+    if (trial.scan != scan || !trial.flags) continue;
+    if (best == nullptr || trial.flags->spread < best->flags->spread) best = &trial;
+  }
+  return best;
+}
+
+// The channel alone where it needs no more.
+std::string FlagFor(const Survey& survey, const config::Scan& scan, const FlagTrial* trial) {
+  const std::string preset = PresetOf(survey, scan);
+  SensorOptions options = SensorOptionsOf(scan, preset);
+  if (trial != nullptr) {
+    options.time_offset += trial->clock_offset;
+    if (trial->flags) options = trial->flags->options;
+  }
+  const std::string flag = ScanFlag(scan.channel(), preset, options);
+  return flag == scan.channel() + ":" + survey.Find(scan.channel())->preset ? scan.channel() : flag;
+}
+
+void RemarkOnClocks(const Survey& survey, std::vector<std::string>& remarks) {
+  const std::vector<std::string> scans = ChannelsOf(survey, &IsScan);
+  if (scans.empty()) return;
+  const std::string& reference = scans.front();
+  for (const SurveyedChannel& channel : survey.channels()) {
+    if (!channel.type || !(IsPose(*channel.type) || IsScan(*channel.type))) continue;
+    const double ahead_s = survey.Find(reference)->least_lag_s - channel.least_lag_s;
+    if (std::abs(ahead_s) < kOtherClock_s) continue;
+    remarks.push_back(fmt::format("{}: stamped by another clock, {:.1f} s {} that of {}",
+                                  channel.name, std::abs(ahead_s),
+                                  ahead_s > 0 ? "ahead of" : "behind", reference));
+  }
+}
+
+}  // namespace
+
+absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& given) {
+  config::Config config = given;
+  if (config.scan_size() == 0) {
+    for (const std::string& name : ChannelsOf(survey, &IsScan)) {
+      config.add_scan()->set_channel(name);
+    }
+  }
+  std::vector<std::string> poses{config.pose()};
+  if (config.pose().empty()) poses = ChannelsOf(survey, &IsPose);
+  if (config.scan_size() == 0 || poses.empty()) {
+    return InvalidArgument(
+        "there is no channel of {}; splinemap reads bot_core.planar_lidar_t and Michigan's lidar_t "
+        "for scans, bot_core.pose_t and Michigan's pose_xyt_t for poses, whatever their names",
+        config.scan_size() == 0 ? "scans" : "poses");
+  }
+  config::Config first_choice = config;
+  first_choice.set_pose(poses.front());
+  SPLINEMAP_RETURN_IF_ERROR(ChooseChannels(survey, first_choice));
+
+  Proposal proposal;
+  for (const config::Scan& scan : config.scan()) {
+    proposal.scans.push_back(scan.channel());
+    for (FlagTrial& trial : Trials(survey, scan, poses).Run()) {
+      proposal.trials.push_back(std::move(trial));
+    }
+  }
+  // The channel of the most scans has most to say about poses.
+  const auto busiest = std::max_element(
+      config.scan().begin(), config.scan().end(), [&](const auto& a, const auto& b) {
+        return survey.Find(a.channel())->messages < survey.Find(b.channel())->messages;
+      });
+  const FlagTrial* sharpest = Sharpest(proposal.trials, busiest->channel());
+  if (sharpest == nullptr && poses.size() > 1) {
+    return ChooseChannels(survey, config);  // which does not know either
+  }
+  proposal.pose = sharpest != nullptr ? sharpest->pose : poses.front();
+  for (const config::Scan& scan : config.scan()) {
+    const auto trial = std::find_if(
+        proposal.trials.begin(), proposal.trials.end(), [&](const FlagTrial& candidate) {
+          return candidate.scan == scan.channel() && candidate.pose == proposal.pose;
+        });
+    proposal.scan_flags.push_back(
+        FlagFor(survey, scan, trial == proposal.trials.end() ? nullptr : &*trial));
+  }
+  return proposal;
+}
+
+std::vector<std::string> Remarks(const Survey& survey) {
+  std::vector<std::string> remarks;
+  for (const SurveyedChannel& channel : survey.channels()) {
+    const auto remark = [&]<typename... Args>(fmt::format_string<Args...> text, Args&&... args) {
+      remarks.push_back(channel.name + ": " + fmt::format(text, std::forward<Args>(args)...));
+    };
+    if (channel.malformed > 0) {
+      remark("{} of {} messages cannot be used, the first: {}", channel.malformed, channel.messages,
+             channel.complaint);
+    }
+    if (!channel.type || !(IsPose(*channel.type) || IsScan(*channel.type))) continue;
+    if (channel.repeated > 0) {
+      remark("{} of {} messages repeat the time of the one before; the first counts",
+             channel.repeated, channel.messages);
+    }
+    if (channel.stepped_back > 0) {
+      remark("message time steps back {} times; a step of a second or more begins anew",
+             channel.stepped_back);
+    }
+    if (channel.longest_gap_s > kLongGap_s) {
+      remark("a gap of {:.1f} s between two messages", channel.longest_gap_s);
+    }
+    if (channel.useless_beam_times && channel.preset == "michigan_2017") {
+      remark("its beam times are all the same or none; scan_duration_ms stands in for them");
+    }
+    if (const double delay_s = channel.greatest_lag_s - channel.least_lag_s;
+        delay_s > kOtherClock_s) {
+      remark("arrived up to {:.1f} s later than at best, which does no harm: message time counts",
+             delay_s);
+    }
+  }
+  RemarkOnClocks(survey, remarks);
+  return remarks;
+}
+
+}  // namespace splinemap

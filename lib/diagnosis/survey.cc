@@ -1,0 +1,176 @@
+#include "lib/diagnosis/survey.h"
+
+#include <algorithm>
+
+#include "lib/base/status.h"
+#include "lib/diagnosis/drive_sample.h"
+#include "lib/logs/lcm_log.h"
+
+namespace splinemap {
+namespace {
+
+// In floating point, since the times of a damaged log may be anything.
+double Seconds(Utime utime) { return static_cast<double>(utime.count()) * 1e-6; }
+
+// The only channel of the kind, or an error that names the flag to choose with.
+absl::StatusOr<std::string> OnlyChannel(const Survey& survey, bool (*is_kind)(MessageType),
+                                        const char* kind, const char* flag) {
+  std::vector<SurveyedChannel> fitting;
+  for (const SurveyedChannel& channel : survey.channels()) {
+    if (channel.type && is_kind(*channel.type)) fitting.push_back(channel);
+  }
+  if (fitting.empty()) return InvalidArgument("there is no channel of {}", kind);
+  if (fitting.size() == 1) return fitting.front().name;
+  std::string text = fmt::format(
+      "several channels carry {}; choose with {} (splinemap doctor tells which is sharpest):", kind,
+      flag);
+  for (const SurveyedChannel& channel : fitting) {
+    text += fmt::format("\n  {} {:<20} {:>7.1f} Hz, {} messages of {}", flag, channel.name,
+                        channel.rate_hz, channel.messages, TypeName(*channel.type));
+  }
+  return absl::InvalidArgumentError(text);
+}
+
+absl::Status CheckChannel(const Survey& survey, const std::string& name,
+                          bool (*is_kind)(MessageType), const char* kind) {
+  std::vector<std::string> names;
+  for (const SurveyedChannel& channel : survey.channels()) {
+    const bool fits = channel.type && is_kind(*channel.type);
+    if (channel.name == name && fits) return absl::OkStatus();
+    if (fits) names.push_back(channel.name);
+  }
+  return InvalidArgument("{} is no channel of {}; there are: {}", name, kind,
+                         names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", ")));
+}
+
+}  // namespace
+
+void Survey::Add(Utime received, const std::string& name, absl::Span<const uint8_t> message) {
+  if (!first_received_) first_received_ = received;
+  last_received_ = received;
+  auto place = sightings_.find(name);
+  if (place == sightings_.end()) {
+    if (sightings_.size() >= kMaxChannels) return;
+    place = sightings_.try_emplace(name).first;
+    Sighting& sighting = place->second;
+    sighting.channel.name = name;
+    sighting.channel.fingerprint = FingerprintOf(message);
+    sighting.channel.type = TypeOf(message);
+    sighting.first_received = received;
+  }
+  Sighting& sighting = place->second;
+  SurveyedChannel& channel = sighting.channel;
+  ++channel.messages;
+  sighting.last_received = received;
+  if (!channel.type) return;
+  const absl::StatusOr<Utime> utime = Look(sighting, message);
+  if (!utime.ok()) {
+    if (channel.malformed++ == 0) channel.complaint = ErrorText(utime.status());
+    return;
+  }
+  const double lag_s = Seconds(received) - Seconds(*utime);
+  if (sighting.last_utime) {
+    channel.repeated += *utime == *sighting.last_utime;
+    channel.stepped_back += *utime < *sighting.last_utime;
+    channel.longest_gap_s =
+        std::max(channel.longest_gap_s, Seconds(*utime) - Seconds(*sighting.last_utime));
+    channel.least_lag_s = std::min(channel.least_lag_s, lag_s);
+    channel.greatest_lag_s = std::max(channel.greatest_lag_s, lag_s);
+  } else {
+    channel.least_lag_s = channel.greatest_lag_s = lag_s;
+  }
+  sighting.last_utime = *utime;
+}
+
+absl::StatusOr<Utime> Survey::Look(Sighting& sighting, absl::Span<const uint8_t> message) {
+  SurveyedChannel& channel = sighting.channel;
+  if (TypeOf(message) != channel.type) return InvalidArgument("{}", Describe(message));
+  if (IsPose(*channel.type)) {
+    SPLINEMAP_ASSIGN_OR_RETURN(const TimedPose pose, DecodePose(message));
+    if (channel.messages <= static_cast<int64_t>(kMaxPoses)) sighting.poses.Add(pose);
+    return pose.utime;
+  }
+  if (IsScan(*channel.type)) {
+    SPLINEMAP_ASSIGN_OR_RETURN(RangeReadings readings, DecodeScan(message));
+    const Utime utime = readings.utime;
+    if (channel.preset.empty()) {
+      const bool is_planar_lidar = channel.type == MessageType::kPlanarLidar;
+      channel.preset = DetectPreset(is_planar_lidar, readings).value_or("");
+      channel.useless_beam_times = !is_planar_lidar && !HaveUsefulBeamTimes(readings);
+    }
+    if (sighting.scans.size() < kMaxScans) {
+      sighting.scans.push_back(Thinned(std::move(readings), kMaxBeams));
+    }
+    return utime;
+  }
+  if (channel.type == MessageType::kStatus) {
+    SPLINEMAP_ASSIGN_OR_RETURN(const status_t status, DecodeStatus(message));
+    return Utime(status.utime);
+  }
+  SPLINEMAP_RETURN_IF_ERROR(DecodeSensorMount(message).status());
+  return UtimeOf(message);
+}
+
+std::vector<SurveyedChannel> Survey::channels() const {
+  std::vector<SurveyedChannel> channels;
+  for (const auto& [name, sighting] : sightings_) {
+    SurveyedChannel& channel = channels.emplace_back(sighting.channel);
+    const double span_s = Seconds(sighting.last_received) - Seconds(sighting.first_received);
+    if (span_s > 0) channel.rate_hz = static_cast<double>(channel.messages - 1) / span_s;
+  }
+  return channels;
+}
+
+const SurveyedChannel* Survey::Find(const std::string& name) const {
+  const auto place = sightings_.find(name);
+  return place == sightings_.end() ? nullptr : &place->second.channel;
+}
+
+double Survey::duration_s() const {
+  return first_received_ ? Seconds(last_received_) - Seconds(*first_received_) : 0;
+}
+
+const std::vector<RangeReadings>& Survey::ScansOf(const std::string& channel) const {
+  static const auto* const none = new std::vector<RangeReadings>();
+  const auto place = sightings_.find(channel);
+  return place == sightings_.end() ? *none : place->second.scans;
+}
+
+const PoseBuffer& Survey::PosesOf(const std::string& channel) const {
+  static const auto* const none = new PoseBuffer(Utime(0));
+  const auto place = sightings_.find(channel);
+  return place == sightings_.end() ? *none : place->second.poses;
+}
+
+absl::StatusOr<Survey> SurveyLog(const std::string& path, absl::FunctionRef<void(double)> progress,
+                                 std::string& damage) {
+  Survey survey;
+  const absl::Status status = ReadLcmLog(
+      path, [&](const LogEvent& event) { survey.Add(event.utime, event.channel, event.message); },
+      progress);
+  damage = ErrorText(status);
+  if (!status.ok() && survey.channels().empty()) return status;
+  return survey;
+}
+
+absl::Status ChooseChannels(const Survey& survey, config::Config& config) {
+  for (const config::Scan& scan : config.scan()) {
+    SPLINEMAP_RETURN_IF_ERROR(CheckChannel(survey, scan.channel(), &IsScan, "scans"));
+  }
+  if (!config.pose().empty()) {
+    SPLINEMAP_RETURN_IF_ERROR(CheckChannel(survey, config.pose(), &IsPose, "poses"));
+  }
+  if (config.scan_size() == 0) {
+    SPLINEMAP_ASSIGN_OR_RETURN(const std::string channel,
+                               OnlyChannel(survey, &IsScan, "scans", "--scan"));
+    config.add_scan()->set_channel(channel);
+  }
+  if (config.pose().empty()) {
+    SPLINEMAP_ASSIGN_OR_RETURN(const std::string channel,
+                               OnlyChannel(survey, &IsPose, "poses", "--pose"));
+    config.set_pose(channel);
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace splinemap

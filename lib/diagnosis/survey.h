@@ -1,0 +1,91 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/functional/function_ref.h"
+#include "absl/status/status.h"
+#include "absl/status/statusor.h"
+#include "absl/types/span.h"
+#include "lib/base/utime.h"
+#include "lib/config/config.h"
+#include "lib/sensing/pose_buffer.h"
+#include "lib/sensing/scan.h"
+#include "lib/wire/decode.h"
+
+namespace splinemap {
+
+// What was seen of one channel. Times of messages (utime) are known of the types that splinemap
+// reads.
+struct SurveyedChannel {
+  std::string name;
+  std::optional<uint64_t> fingerprint;  // of the first message, if it is one of LCM
+  std::optional<MessageType> type;      // if splinemap reads it
+  int64_t messages = 0;
+  double rate_hz = 0;  // over the time from its first to its last message, as received
+
+  int64_t malformed = 0;  // of another type than the first, or not to be decoded
+  std::string complaint;  // about the first of these
+  int64_t repeated = 0;   // utime equal to that of the message before
+  int64_t stepped_back = 0;
+  double longest_gap_s = 0;  // of utime
+  // Time of receipt less utime: a clock's offset and the way to us. Least and greatest.
+  double least_lag_s = 0;
+  double greatest_lag_s = 0;
+
+  std::string preset;               // for scans: what the first message looks like
+  bool useless_beam_times = false;  // for scans with beam times
+};
+
+// Looks at the messages of a log or a bus, all channels of it. Keeps the first minutes of scans and
+// poses for Propose(); memory is bounded. Thread-compatible.
+class Survey {
+ public:
+  // `received`: clock of the log or of this computer.
+  void Add(Utime received, const std::string& channel, absl::Span<const uint8_t> message);
+
+  // By name.
+  std::vector<SurveyedChannel> channels() const;
+  const SurveyedChannel* Find(const std::string& name) const;  // null where it was not seen
+  double duration_s() const;
+
+  // The first scans and poses of a channel, thinned; empty for another.
+  const std::vector<RangeReadings>& ScansOf(const std::string& channel) const;
+  const PoseBuffer& PosesOf(const std::string& channel) const;
+
+  static constexpr size_t kMaxChannels = 1000;  // of a hostile bus; later ones are not looked at
+  static constexpr size_t kMaxScans = 3000;
+  static constexpr size_t kMaxBeams = 180;
+  static constexpr size_t kMaxPoses = 50'000;
+
+ private:
+  struct Sighting {
+    SurveyedChannel channel;
+    Utime first_received{0};
+    Utime last_received{0};
+    std::optional<Utime> last_utime;
+    std::vector<RangeReadings> scans;
+    PoseBuffer poses{std::chrono::hours(24)};
+  };
+
+  absl::StatusOr<Utime> Look(Sighting& sighting, absl::Span<const uint8_t> message);
+
+  std::map<std::string, Sighting> sightings_;
+  std::optional<Utime> first_received_;
+  Utime last_received_{0};
+};
+
+// Reads a whole log. `damage` gets what ReadLcmLog() says, in words, where it could be read in
+// part; errors as ReadLcmLog() where nothing at all could.
+absl::StatusOr<Survey> SurveyLog(const std::string& path, absl::FunctionRef<void(double)> progress,
+                                 std::string& damage);
+
+// Fills in the scan channel and the pose channel where `config` has none and just one was seen that
+// fits, and checks those that it has. Where several or none do, InvalidArgument lists them with
+// their rates and says which flag to give.
+absl::Status ChooseChannels(const Survey& survey, config::Config& config);
+
+}  // namespace splinemap

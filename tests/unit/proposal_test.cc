@@ -1,0 +1,140 @@
+#include "lib/diagnosis/proposal.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "lcmtypes/michigan/lidar_t.hpp"
+#include "lib/wire/encode.h"
+#include "tests/support/room_drive.h"
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+michigan::lidar_t LidarMessage(const RangeReadings& readings) {
+  michigan::lidar_t message;
+  message.utime = readings.utime.count();
+  message.num_ranges = static_cast<int32_t>(readings.ranges_m.size());
+  message.ranges = readings.ranges_m;
+  message.thetas = readings.bearings_rad;
+  message.intensities.resize(readings.ranges_m.size());
+  message.times.assign(readings.ranges_m.size(), message.utime);
+  for (size_t k = 0; k < readings.beam_utimes.size(); ++k) {
+    message.times[k] = readings.beam_utimes[k].count();
+  }
+  return message;
+}
+
+// A log of a drive in a room, with SLAM poses and an odometry that drifts.
+class ProposalTest : public testing::Test {
+ protected:
+  void Drive(const RoomDriver& driver, Utime odometry_clock = Utime(0), double turn = 1) {
+    DriveInRoom(
+        driver, turn,
+        [&](const TimedPose& pose) {
+          Add("SLAM", pose.utime, Encode(PoseMessage(pose)));
+          TimedPose drifting = pose;
+          drifting.world_T_robot.yaw_rad *= 1.2;
+          drifting.utime += odometry_clock;
+          Add("ODOMETRY", pose.utime, Encode(PoseMessage(drifting)));
+        },
+        [&](const RangeReadings& readings) {
+          Add("LIDAR", readings.utime, Encode(LidarMessage(readings)));
+        });
+  }
+
+  void Add(const std::string& channel, Utime utime, const std::vector<uint8_t>& message) {
+    survey_.Add(utime + milliseconds(5), channel, message);
+  }
+
+  Survey survey_;
+};
+
+TEST_F(ProposalTest, TakesTheSharperPosesAndThePresetThatFits) {
+  Drive({.sign = -1, .duration_s = 0.15, .beam_times = true});
+  const auto proposal = Propose(survey_, {});
+  ASSERT_TRUE(proposal.ok()) << proposal.status();
+  EXPECT_EQ(proposal->pose, "SLAM");
+  EXPECT_EQ(proposal->scan_flags, std::vector<std::string>{"LIDAR"}) << "the preset that is told";
+  ASSERT_EQ(proposal->trials.size(), 2u);
+  EXPECT_EQ(proposal->trials[0].scans, proposal->trials[1].scans) << "the same ones";
+}
+
+TEST_F(ProposalTest, ProposesWhatDiffersFromThePreset) {
+  Drive({.sign = 1, .stamp_late_s = 0.4});
+  const auto proposal = Propose(survey_, {});
+  ASSERT_TRUE(proposal.ok()) << proposal.status();
+  // Told as michigan_2017, whose sign is the other one.
+  EXPECT_EQ(proposal->scan_flags,
+            std::vector<std::string>{"LIDAR:michigan_2017,bearing_sign=1,time_offset_ms=-400"});
+}
+
+TEST_F(ProposalTest, PosesOfAnotherClockAreBroughtToTheScans) {
+  Drive({.sign = -1, .duration_s = 0.15, .beam_times = true}, seconds(1'000'000));
+  config::Config given;
+  given.set_pose("ODOMETRY");
+  const auto proposal = Propose(survey_, given);
+  ASSERT_TRUE(proposal.ok()) << proposal.status();
+  EXPECT_EQ(proposal->scan_flags,
+            std::vector<std::string>{"LIDAR:michigan_2014,time_offset_ms=1000000000"});
+  const std::vector<std::string> remarks = Remarks(survey_);
+  ASSERT_EQ(remarks.size(), 1u);
+  EXPECT_EQ(remarks[0], "ODOMETRY: stamped by another clock, 1000000.0 s ahead of that of LIDAR");
+}
+
+TEST_F(ProposalTest, ARobotThatDoesNotTurnLeavesTheChoiceToItsMaster) {
+  Drive({.beam_times = true}, Utime(0), 0);
+  const auto open = Propose(survey_, {});
+  EXPECT_NE(std::string(open.status().message()).find("--pose SLAM"), std::string::npos)
+      << open.status();
+  config::Config given;
+  given.set_pose("SLAM");
+  const auto chosen = Propose(survey_, given);
+  ASSERT_TRUE(chosen.ok()) << chosen.status();
+  EXPECT_FALSE(chosen->trials[0].flags);
+  EXPECT_EQ(chosen->scan_flags, std::vector<std::string>{"LIDAR"});
+}
+
+TEST_F(ProposalTest, SeveralScanChannelsGetTheirOwnFlags) {
+  Drive({.sign = -1, .duration_s = 0.15, .beam_times = true});
+  DriveInRoom(
+      {.yaw_rad = M_PI, .duration_s = 0}, 1, [](const TimedPose&) {},
+      [&](const RangeReadings& readings) {
+        Add("REAR", readings.utime,
+            Encode(PlanarLidarMessage(readings.utime, readings.ranges_m, 0,
+                                      readings.bearings_rad[1])));
+      });
+  const auto proposal = Propose(survey_, {});
+  ASSERT_TRUE(proposal.ok()) << proposal.status();
+  EXPECT_EQ(proposal->pose, "SLAM");
+  EXPECT_EQ(proposal->scan_flags, (std::vector<std::string>{"LIDAR", "REAR:bot_core,yaw_deg=180"}));
+}
+
+TEST_F(ProposalTest, WithoutScansOrPosesItSaysWhatIsRead) {
+  EXPECT_TRUE(absl::IsInvalidArgument(Propose(survey_, {}).status()));
+  Add("POSE", Utime(0), Encode(PoseMessage({})));
+  const absl::Status status = Propose(survey_, {}).status();
+  EXPECT_NE(std::string(status.message()).find("planar_lidar_t"), std::string::npos) << status;
+}
+
+TEST_F(ProposalTest, OddThingsAreRemarkedOn) {
+  Drive({});
+  Add("SLAM", seconds(200), Encode(PoseMessage({seconds(170), {}})));
+  Add("SLAM", seconds(200), Encode(PoseMessage({seconds(170), {}})));
+  Add("SLAM", seconds(200), {1, 2, 3});
+  std::string all;
+  for (const std::string& remark : Remarks(survey_)) all += remark + "\n";
+  EXPECT_NE(all.find("SLAM: 1 of 3003 messages cannot be used, the first: 3 bytes"),
+            std::string::npos)
+      << all;
+  EXPECT_NE(all.find("SLAM: 1 of 3003 messages repeat the time"), std::string::npos) << all;
+  EXPECT_NE(all.find("SLAM: a gap of 10.0 s"), std::string::npos) << all;
+  EXPECT_NE(all.find("SLAM: arrived up to 30.0 s later"), std::string::npos) << all;
+  EXPECT_NE(all.find("LIDAR: its beam times are all the same"), std::string::npos) << all;
+}
+
+}  // namespace
+}  // namespace splinemap

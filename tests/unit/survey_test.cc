@@ -1,0 +1,93 @@
+#include "lib/diagnosis/survey.h"
+
+#include <gtest/gtest.h>
+
+#include "lcmtypes/michigan/lidar_t.hpp"
+#include "lib/wire/encode.h"
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+
+std::vector<uint8_t> Scan(int64_t ms) {
+  return Encode(PlanarLidarMessage(milliseconds(ms), std::vector<float>(400, 1), 0, 0.01));
+}
+std::vector<uint8_t> PoseAt(int64_t ms) { return Encode(PoseMessage({milliseconds(ms), {}})); }
+
+TEST(SurveyTest, ChannelsAreListedWithTypeAndRate) {
+  Survey survey;
+  for (int n = 0; n <= 100; ++n) {
+    survey.Add(milliseconds(100 * n), "LASER", Scan(100 * n));
+    survey.Add(milliseconds(100 * n), "OTHER", std::vector<uint8_t>{0, 1, 2, 3, 4, 5, 6, 7, 8});
+  }
+  survey.Add(milliseconds(10'000), "TEXT", std::vector<uint8_t>{'h', 'i'});
+  const std::vector<SurveyedChannel> channels = survey.channels();
+  ASSERT_EQ(channels.size(), 3u);
+  EXPECT_EQ(channels[0].type, MessageType::kPlanarLidar);
+  EXPECT_EQ(channels[0].messages, 101);
+  EXPECT_NEAR(channels[0].rate_hz, 10, 1e-9);
+  EXPECT_EQ(channels[0].preset, "bot_core");
+  EXPECT_EQ(channels[1].fingerprint, 0x0001020304050607U);
+  EXPECT_FALSE(channels[1].type);
+  EXPECT_FALSE(channels[2].fingerprint);
+  EXPECT_NEAR(survey.duration_s(), 10, 1e-9);
+}
+
+TEST(SurveyTest, OddTimesAreCounted) {
+  Survey survey;
+  for (const int64_t ms : {0, 100, 100, 200, 150, 2150}) {
+    survey.Add(milliseconds(5000 + ms), "POSE", PoseAt(ms));
+  }
+  survey.Add(milliseconds(8000), "POSE", PoseAt(2300));
+  const SurveyedChannel* pose = survey.Find("POSE");
+  ASSERT_NE(pose, nullptr);
+  EXPECT_EQ(pose->repeated, 1);
+  EXPECT_EQ(pose->stepped_back, 1);
+  EXPECT_NEAR(pose->longest_gap_s, 2, 1e-9);
+  EXPECT_NEAR(pose->least_lag_s, 5, 1e-9);
+  EXPECT_NEAR(pose->greatest_lag_s, 5.7, 1e-9);
+}
+
+TEST(SurveyTest, WhatCannotBeUsedIsCountedAndTheFirstIsTold) {
+  Survey survey;
+  survey.Add(Utime(0), "POSE", PoseAt(0));
+  survey.Add(Utime(0), "POSE", Scan(0));
+  std::vector<uint8_t> cut = PoseAt(1);
+  cut.pop_back();
+  survey.Add(Utime(0), "POSE", cut);
+  EXPECT_EQ(survey.Find("POSE")->malformed, 2);
+  EXPECT_NE(survey.Find("POSE")->complaint.find("planar_lidar_t"), std::string::npos);
+}
+
+TEST(SurveyTest, MemoryIsBounded) {
+  Survey survey;
+  for (int n = 0; n < 4000; ++n) survey.Add(milliseconds(n), "LASER", Scan(n));
+  for (int n = 0; n < 60'000; ++n) survey.Add(milliseconds(n), "POSE", PoseAt(n));
+  for (int n = 0; n < 2000; ++n) survey.Add(Utime(0), "C" + std::to_string(n), PoseAt(0));
+  EXPECT_EQ(survey.ScansOf("LASER").size(), Survey::kMaxScans);
+  EXPECT_LE(survey.ScansOf("LASER")[0].ranges_m.size(), Survey::kMaxBeams);
+  EXPECT_EQ(survey.PosesOf("POSE").newest(), milliseconds(int64_t{Survey::kMaxPoses} - 1));
+  EXPECT_EQ(survey.channels().size(), Survey::kMaxChannels);
+}
+
+TEST(SurveyTest, ChannelsAreChosenWhereThereIsNoChoice) {
+  Survey survey;
+  config::Config config;
+  survey.Add(Utime(0), "LASER", Scan(0));
+  EXPECT_FALSE(ChooseChannels(survey, config).ok()) << "no poses";
+  survey.Add(Utime(0), "POSE", PoseAt(0));
+  config.Clear();
+  ASSERT_TRUE(ChooseChannels(survey, config).ok());
+  EXPECT_EQ(config.scan(0).channel(), "LASER");
+  EXPECT_EQ(config.pose(), "POSE");
+  survey.Add(Utime(0), "ODOMETRY", PoseAt(0));
+  config.Clear();
+  const absl::Status status = ChooseChannels(survey, config);
+  EXPECT_NE(std::string(status.message()).find("--pose ODOMETRY"), std::string::npos) << status;
+  config.set_pose("LASER");
+  EXPECT_FALSE(ChooseChannels(survey, config).ok()) << "of another type";
+}
+
+}  // namespace
+}  // namespace splinemap
