@@ -26,19 +26,17 @@ absl::Status ToStatus(const std::string& path, const SQLite::Exception& exceptio
       return InvalidArgument("{} is no map file: it is no SQLite database", path);
     case SQLITE_CORRUPT:
     case SQLITE_TOOBIG:
-      return DataLoss(
-          "{} is damaged: {}; what is left of it may come out with: sqlite3 {} .recover | sqlite3 "
-          "rescued.splinemap",
-          path, exception.what(), path);
+      return DataLoss("{} is damaged: {}; take a copy of it, or build it again from a log", path,
+                      exception.what());
     case SQLITE_FULL:
       return Unavailable("cannot write {}: the disk is full", path);
     case SQLITE_READONLY:
       return Unavailable("cannot write {}: it or its folder is read-only", path);
     case SQLITE_CANTOPEN:
       return Unavailable(
-          "cannot open {} with the files beside it (-wal, -shm): {}; where the folder is "
-          "read-only, copy the map to another",
-          path, std::strerror(errno));
+          "cannot open {}: it was in use when it was copied or left, and its folder cannot be "
+          "written; copy it to another folder, with the files beside it (-wal)",
+          path);
     case SQLITE_BUSY:
       return Unavailable("{} is in use by another process", path);
     default:

@@ -1,0 +1,208 @@
+#!/usr/bin/env bash
+# Damaged and foreign files, full and read-only disks, two daemons on one map: each is said in words,
+# nothing that can be read is lost, and no half file is left.
+if [[ -z ${LCM_DEFAULT_URL:-} || ${2:-} != inside ]]; then
+  exec "$1/deploy/own_bus.sh" "$0" "$1" inside
+fi
+# File systems of its own, where the system allows that.
+if [[ ${3:-} != mounts && ${3:-} != no_mounts ]]; then
+  if unshare -m mount -t tmpfs none /mnt 2> /dev/null; then
+    exec unshare -m "$0" "$1" inside mounts
+  fi
+  exec "$0" "$1" inside no_mounts
+fi
+mounts=$3
+# shellcheck source=tests/integration/support.sh
+source "$1/tests/integration/support.sh" "$1"
+
+# overwrite FILE PLACE COUNT: zeros in place of what is there.
+overwrite() { dd if=/dev/zero of="$1" bs=1 seek="$2" count="$3" conv=notrunc status=none; }
+
+splinemap simulate office.lcmlog 2> /dev/null
+splinemap build office.lcmlog --out office.splinemap --name robot 2> /dev/null
+
+# --- LCM logs
+size=$(stat -c %s office.lcmlog)
+cp office.lcmlog damaged.lcmlog
+overwrite damaged.lcmlog $((size / 4)) 3000
+overwrite damaged.lcmlog $((size / 2)) 5000
+expect 1 splinemap doctor damaged.lcmlog
+expect_text "damaged.lcmlog is damaged: skipped" err
+expect_text "gaps: 2, the first at byte" err
+expect_text "map it with: --scan LASER --pose POSE" out
+expect 1 splinemap build damaged.lcmlog --out damaged.splinemap
+expect_text "gaps: 2" err
+mapped=$(sed -n 's/^mapped \([0-9]*\) of .*/\1/p' err)
+((mapped > 1600)) || fail "only $mapped scans of a log with two gaps"
+expect 0 splinemap info damaged.splinemap
+head -c $((size / 2)) office.lcmlog > cut.lcmlog
+expect 1 splinemap build cut.lcmlog --out cut.splinemap
+expect_text "cut.lcmlog ends within event" err
+expect 0 splinemap info cut.splinemap
+gzip -k office.lcmlog
+expect 0 splinemap build office.lcmlog.gz --out gz.splinemap --name robot
+expect 0 splinemap diff gz.splinemap office.splinemap
+head -c 200000 office.lcmlog.gz > cut.lcmlog.gz
+expect 1 splinemap build cut.lcmlog.gz --out cut_gz.splinemap
+expect 0 splinemap info cut_gz.splinemap
+: > empty.lcmlog
+expect 2 splinemap build empty.lcmlog --out x.splinemap
+
+# --- CARMEN logs
+for k in {1..300}; do echo "FLASER 4 1 1.5 2 8$((k % 10)) 0.$k 0 0 0 0 0 $k.5 host $k.5"; done > whole.log
+gzip -k whole.log
+head -c $(($(stat -c %s whole.log.gz) / 2)) whole.log.gz > cut.log.gz
+expect 1 splinemap import-carmen cut.log.gz cut_carmen.lcmlog
+expect_text "cut.log.gz is cut off or damaged; what came before is in cut_carmen.lcmlog" err
+expect 0 splinemap doctor cut_carmen.lcmlog
+sed '7s/host.*//; 9s/ 1.5 / x /' whole.log > broken.log
+expect 0 splinemap import-carmen broken.log broken.lcmlog
+expect_text "2 lines could not be read and were skipped, the first is line 7" err
+
+# --- foreign files in every place
+splinemap render office.splinemap picture.png 2> /dev/null
+sqlite3 foreign.db "CREATE TABLE t (x); INSERT INTO t VALUES (1)"
+cp office.splinemap newer.splinemap
+sqlite3 newer.splinemap "PRAGMA user_version = 99"
+for file in picture.png whole.log foreign.db office.lcmlog; do
+  expect 2 splinemap info "$file"
+  expect_text "$file is no map file" err
+  expect 1 splinemapd --map "$file" --scan LASER --pose POSE
+  expect_text "$file is no map file" err
+done
+for file in picture.png whole.log foreign.db office.splinemap; do
+  expect 2 splinemap build "$file" --out x.splinemap
+  expect_text "$file is no LCM log" err
+  expect 2 splinemapd --config "$file" --check-config
+done
+for file in picture.png office.lcmlog foreign.db; do
+  expect 2 splinemap import-carmen "$file" x.lcmlog
+done
+expect 1 splinemap info newer.splinemap
+expect_text "a newer splinemap" err
+expect 1 splinemapd --map newer.splinemap --scan LASER --pose POSE
+expect 2 splinemap info .
+expect_text "it is a folder" err
+[[ ! -e x.splinemap && ! -e x.lcmlog ]] || fail "something was written"
+
+# --- damaged maps: every command tells, shows what is left and fails
+cp office.splinemap tile.splinemap
+sqlite3 tile.splinemap "UPDATE tile SET content = x'28b52ffd' WHERE rowid = 7"
+expect 1 splinemap info tile.splinemap
+expect_text "tile.splinemap: layer robot: tile content" err
+expect_text "layer robot" out
+expect 1 splinemap render tile.splinemap tile.png
+expect_text "tile content" err
+[[ -s tile.png ]] || fail "no picture of a damaged map"
+expect 1 splinemap query tile.splinemap 1 1
+expect_text "x_m,y_m,log_odds" out
+expect 1 splinemap diff tile.splinemap tile.splinemap
+cp office.splinemap missing.splinemap
+sqlite3 missing.splinemap "DELETE FROM tile WHERE rowid = 7"
+expect 1 splinemap info missing.splinemap
+expect_text "the tiles are not those that were saved" err
+cp office.splinemap record.splinemap
+sqlite3 record.splinemap "UPDATE map SET record = zeroblob(length(record))"
+expect 1 splinemap info record.splinemap
+expect_text "its map record cannot be read" err
+head -c 40000 office.splinemap > cut_map.splinemap
+cp office.splinemap page.splinemap
+overwrite page.splinemap 40960 4096
+for file in record cut_map page; do
+  expect 1 splinemap render "$file.splinemap" "$file.png"
+  expect_text "$file.splinemap is damaged" err
+  expect 1 splinemapd --map "$file.splinemap" --scan LASER --pose POSE
+  expect_text "$file.splinemap is damaged" err
+done
+
+# --- two daemons on one map
+listen=(--scan LASER --pose POSE --name robot)
+cp office.splinemap shared.splinemap
+splinemapd --map shared.splinemap "${listen[@]}" 2> daemon.log &
+daemon=$!
+await splinemap watch --once --timeout 2
+expect 1 splinemapd --map shared.splinemap "${listen[@]}"
+expect_text "shared.splinemap is in use by another process" err
+cp shared.splinemap copy_in_use.splinemap
+kill "$daemon"
+wait "$daemon" || fail "the first daemon: $(cat daemon.log)"
+expect 0 splinemap diff shared.splinemap office.splinemap
+
+if [[ $mounts == no_mounts ]]; then
+  echo "files: full and read-only disks skipped, no file system can be mounted here"
+  exit 0
+fi
+
+# --- a full disk, for what writes a file
+trap 'umount full fixed 2> /dev/null; clean_up' EXIT
+mkdir full
+mount -t tmpfs -o size=1m none full
+fill() { cat /dev/zero > full/ballast 2> /dev/null || true; }
+fill
+expect 1 splinemap simulate full/x.lcmlog
+expect_text "cannot write full/x.lcmlog: No space left on device" err
+expect 1 splinemap import-carmen whole.log full/x.lcmlog
+expect 1 splinemap build office.lcmlog --out full/x.splinemap
+expect_text "the disk is full" err
+expect 1 splinemap render office.splinemap full/x.png
+expect_text "cannot write full/x.png" err
+[[ $(ls full) == ballast ]] || fail "half files: $(ls full)"
+expect 1 splinemapd --map full/x.splinemap "${listen[@]}"
+expect_text "full/x.splinemap: the disk is full" err
+
+# --- a disk that is full while the daemon maps, and then is not
+printf 'service { save_interval_s: 0.3 }\n' > often.textproto
+status() { splinemap watch --once --json --timeout 2 > status.json; }
+has() { status && [[ $(jq "$1" status.json) == true ]]; }
+rm full/*
+splinemapd --config often.textproto --map full/live.splinemap "${listen[@]}" 2> daemon.log &
+daemon=$!
+await has '.saved_revision == .revision'
+fill
+messages=$(splinemap doctor office.lcmlog --json | jq '[.channels[].messages] | add')
+lcm-logplayer -s 20 office.lcmlog > /dev/null
+await has ".messages_received == $messages"
+await grep -q "the map is not saved: cannot write full/live.splinemap: the disk is full" daemon.log
+has '.scans_mapped > 1600 and .saved_revision < .revision and (.last_problem | contains("full"))' ||
+  fail "on a full disk: $(cat status.json)"
+rm full/ballast
+await has '.saved_revision == .revision'
+fill
+kill "$daemon"
+wait "$daemon" || fail "all was saved, and yet: $(cat daemon.log)"
+expect 0 splinemap diff full/live.splinemap office.splinemap
+
+# --- a daemon that ends while the disk is full
+rm full/*
+splinemapd --config often.textproto --map full/live.splinemap "${listen[@]}" 2> daemon.log &
+daemon=$!
+await has '.saved_revision == .revision'
+fill
+head -c 1000000 office.lcmlog > part.lcmlog
+lcm-logplayer -s 20 part.lcmlog > /dev/null
+await has '.scans_mapped > 400'
+kill "$daemon"
+wait "$daemon" && fail "not all was saved, and yet the exit status is 0"
+expect_text_in_log() { grep -q "$1" daemon.log || fail "no '$1' in: $(cat daemon.log)"; }
+expect_text_in_log "full/live.splinemap: the disk is full"
+rm full/ballast
+expect 0 splinemap info full/live.splinemap  # the last save, whole
+
+# --- a read-only disk
+mkdir fixed
+mount -t tmpfs none fixed
+cp office.splinemap copy_in_use.splinemap fixed
+mount -o remount,ro fixed
+expect 0 splinemap info fixed/office.splinemap
+expect 1 splinemap info fixed/copy_in_use.splinemap
+expect_text "copy it to another folder" err
+expect 0 splinemap diff copy_in_use.splinemap office.splinemap
+for map in office new; do
+  expect 1 splinemapd --map fixed/$map.splinemap "${listen[@]}"
+  expect_text "cannot open fixed/$map.splinemap for writing: Read-only file system" err
+done
+expect 1 splinemap build office.lcmlog --out fixed/x.splinemap
+expect 1 splinemap simulate fixed/x.lcmlog
+expect_text "cannot write fixed/x.lcmlog: Read-only file system" err
+
+echo "files: all is well"
