@@ -8,6 +8,7 @@
 #include <array>
 #include <cstdint>
 #include <cstdlib>
+#include <iterator>
 #include <vector>
 
 namespace splinemap {
@@ -29,12 +30,18 @@ constexpr uint32_t kMaxMessage = 1 << 20;
 
 std::vector<sock_filter> Filter() {
   const sock_filter accept = BPF_STMT(BPF_RET | BPF_K, UINT32_MAX);
-  const sock_filter refuse = BPF_STMT(BPF_RET | BPF_K, 0);
+  // The datagram without its content, which liblcm ignores. Nothing at all would count as lost.
+  const sock_filter refuse = BPF_STMT(BPF_RET | BPF_K, kUdpHeader);
   std::vector<sock_filter> filter = {
+      BPF_STMT(BPF_LD | BPF_W | BPF_LEN, 0),
+      BPF_JUMP(BPF_JMP | BPF_JGE | BPF_K, kNameOfWhole, 1, 0),
+      accept,  // too short for LCM
       BPF_STMT(BPF_LD | BPF_W | BPF_ABS, kUdpHeader),
-      BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, kWholeMagic, 12, 0),
+      BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, kWholeMagic, 14, 0),
       BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, kFragmentMagic, 1, 0),
       accept,
+      BPF_STMT(BPF_LD | BPF_W | BPF_LEN, 0),
+      BPF_JUMP(BPF_JMP | BPF_JGE | BPF_K, kNameOfFragment, 0, 4),
       BPF_STMT(BPF_LD | BPF_W | BPF_ABS, kMessageSize),
       BPF_JUMP(BPF_JMP | BPF_JGT | BPF_K, kMaxMessage, 2, 0),
       BPF_STMT(BPF_LD | BPF_W | BPF_ABS, kFragmentPlace),
@@ -47,11 +54,18 @@ std::vector<sock_filter> Filter() {
       BPF_STMT(BPF_JMP | BPF_JA, 1),
       BPF_STMT(BPF_LDX | BPF_W | BPF_IMM, kNameOfWhole),
   };
-  // A filter has no loops. Reading beyond the datagram refuses it.
+  // Byte k of the name, which begins at X; a filter has no loops.
   for (uint32_t k = 0; k <= kMaxName; ++k) {
-    filter.push_back(BPF_STMT(BPF_LD | BPF_B | BPF_IND, k));
-    filter.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, 0, 0, 1));
-    filter.push_back(accept);
+    const sock_filter steps[] = {
+        BPF_STMT(BPF_LD | BPF_W | BPF_LEN, 0),
+        BPF_STMT(BPF_ALU | BPF_SUB | BPF_K, k),
+        BPF_JUMP(BPF_JMP | BPF_JGT | BPF_X, 0, 1, 0),
+        refuse,
+        BPF_STMT(BPF_LD | BPF_B | BPF_IND, k),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, 0, 0, 1),
+        accept,
+    };
+    filter.insert(filter.end(), std::begin(steps), std::end(steps));
   }
   filter.push_back(refuse);
   return filter;

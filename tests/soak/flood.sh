@@ -50,7 +50,7 @@ splinemapd --map live.splinemap --name robot "${inputs[@]}" 2> daemon.log &
 daemon=$!
 await splinemap watch --once --timeout 2
 
-# Datagrams that the kernel dropped: the socket of the process was full, or refused them as broken.
+# Datagrams that the kernel dropped because the socket of the process was full.
 socket_drops() {
   local inodes
   inodes=$(find "/proc/$1/fd" -lname 'socket:*' -printf '%l\n' | tr -dc '0-9\n')
@@ -92,7 +92,7 @@ overload=$(jq '.dropped.overload // 0' status.json)
 lost_said=$(jq '.problems.lost_datagrams // 0' status.json)
 jq -r '"sent \(.sent) messages in \(.seconds) s, \(.sent / .seconds | round) a second: \(.kinds)"' flood.json
 echo "of them and the drive $expected on the daemon's channels: received $received, dropped by overload $overload"
-echo "lost in the daemon's socket, or refused there as broken (any channel): $lost"
+echo "lost in the daemon's socket (any channel): $lost"
 echo "dropped: $(jq -c .dropped status.json)"
 echo "scans: $(jq -c '[.scans_received, .scans_mapped]' status.json) received and mapped"
 echo "memory after two seconds: $least to $most kB"
