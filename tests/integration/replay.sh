@@ -126,3 +126,29 @@ expect 0 splinemap info live.splinemap --json
 identity='[.layers[] | [.name, .origin, .incarnation]]'
 [[ $(jq -c "$identity" before.json) == "$(jq -c "$identity" out)" ]] || fail "$(cat before.json out)"
 [[ $(warnings '') == 0 ]] || fail "$(cat daemon.log)"
+
+# Some scans of the drive with as many beams as a scan may have, which LCM cuts into fragments.
+cat > large.py << 'EOT'
+import struct, sys
+data, out, at = open(sys.argv[1], "rb").read(), open(sys.argv[2], "wb"), 0
+while at < len(data):
+    number, utime, name_size, size = struct.unpack_from(">QQII", data, at + 4)
+    name = data[at + 28:at + 28 + name_size]
+    message = data[at + 28 + name_size:at + 28 + name_size + size]
+    at += 28 + name_size + size
+    if name == b"LASER" and utime % 1000000 == 0:
+        count = struct.unpack_from(">i", message, 16)[0]
+        repeats = 16384 // count
+        step = struct.unpack(">f", message[-4:])[0]
+        beams = b"".join(message[k:k + 4] * repeats for k in range(20, 20 + 4 * count, 4))
+        message = (message[:16] + struct.pack(">i", count * repeats) + beams +
+                   message[20 + 4 * count:-4] + struct.pack(">f", step / repeats))
+    out.write(struct.pack(">IQQII", 0xEDA1DA01, number, utime, name_size, len(message)))
+    out.write(name + message)
+EOT
+echo "scans of several datagrams"
+python3 large.py drive.lcmlog large.lcmlog
+start
+lcm-logplayer -s 5 large.lcmlog > player.log
+finish large.lcmlog
+[[ $(warnings '') == 0 ]] || fail "$(cat daemon.log)"
