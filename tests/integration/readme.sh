@@ -34,7 +34,9 @@ for command in "${commands[@]}"; do
         expect 0 splinemap import-carmen "$log" "$log.lcmlog"
         log=$log.lcmlog
       fi
-      expect 0 splinemap build "$log" --out recorded.splinemap --force "${words[@]:2}"
+      expect 0 splinemap doctor "$log" --json "${words[@]:2}"
+      mapfile -t chosen < <(jq -r '.chosen_flags[]' out)
+      expect 0 splinemap build "$log" --out recorded.splinemap --force "${words[@]:2}" "${chosen[@]}"
       ;;
     "splinemap import-carmen "* | *" intel.lcmlog "*)
       [[ -e intel-corrected.log.gz ]] || continue
@@ -52,9 +54,21 @@ for command in "${commands[@]}"; do
       ;;
     "splinemapd "*"-config") expect 0 "${words[@]}" ;;
     "splinemapd "*) expect 0 timeout --preserve-status --signal=INT 2 "${words[@]}" ;;
-    "splinemap watch") expect 1 timeout 10 splinemap watch ;;  # nobody is there: it says so
+    # Nobody is there: they say so.
+    "splinemap watch") expect 1 timeout 10 splinemap watch ;;
+    "splinemap doctor --live "*) expect 1 splinemap doctor --live --seconds 1 ;;
     *) expect 0 "${words[@]}" ;;
   esac
   ran=$((ran + 1))
 done
 echo "readme: $ran commands ran"
+
+# The tests that tests/README.md names are there.
+# shellcheck disable=SC2016  # the quotes are Markdown's
+while read -r name; do
+  suite=${name%.*}
+  test=${name#*.}
+  test=${test//\*/[A-Za-z]*}
+  grep -qE "^TEST(_F)?\(${suite:-[A-Za-z]*}, $test\)" "$top"/tests/*/*.cc || fail "tests/README.md names $name"
+done < <(grep -oE '`[A-Za-z]*\.[A-Z*][A-Za-z]*`|`[A-Za-z]*\.\*`' "$top/tests/README.md" | tr -d '`')
+echo "readme: the tests of the table exist"
