@@ -45,10 +45,19 @@ const config::FieldRules& RulesOf(const FieldDescriptor& field) {
   return field.options().GetExtension(config::rules);
 }
 
+// As in text format. `index` is -1 for a field that is not repeated.
 std::string ValueText(const Message& message, const FieldDescriptor& field, int index) {
   std::string text;
   TextFormat::PrintFieldValueToString(message, &field, index, &text);
   return text;
+}
+
+// As on the command line.
+std::string PlainText(const Message& message, const FieldDescriptor& field, int index) {
+  if (field.cpp_type() != FieldDescriptor::CPPTYPE_STRING) return ValueText(message, field, index);
+  const Reflection& reflection = *message.GetReflection();
+  return field.is_repeated() ? reflection.GetRepeatedString(message, &field, index)
+                             : reflection.GetString(message, &field);
 }
 
 std::optional<double> NumberOf(const Message& message, const FieldDescriptor& field) {
@@ -77,10 +86,7 @@ std::string RangeText(const config::FieldRules& rules) {
 std::string Complaint(const Message& message, const FieldDescriptor& field) {
   if (field.is_repeated()) return "";  // texts, which the user of the message checks
   const config::FieldRules& rules = RulesOf(field);
-  std::string value = ValueText(message, field, -1);
-  if (field.cpp_type() == FieldDescriptor::CPPTYPE_STRING) {
-    value = message.GetReflection()->GetString(message, &field);
-  }
+  const std::string value = PlainText(message, field, -1);
   const auto& one_of = rules.one_of();
   bool fits = one_of.empty() || std::find(one_of.begin(), one_of.end(), value) != one_of.end();
   if (const std::optional<double> number = NumberOf(message, field)) {
@@ -228,6 +234,20 @@ absl::Status SetCheckedField(const std::string& name, const std::string& value, 
     return absl::InvalidArgumentError(complaint);
   }
   return absl::OkStatus();
+}
+
+std::vector<std::pair<std::string, std::string>> SetFields(const Message& message) {
+  const Reflection& reflection = *message.GetReflection();
+  std::vector<const FieldDescriptor*> fields;
+  reflection.ListFields(message, &fields);
+  std::vector<std::pair<std::string, std::string>> set;
+  for (const FieldDescriptor* field : fields) {
+    const int count = field->is_repeated() ? reflection.FieldSize(message, field) : 1;
+    for (int k = 0; k < count; ++k) {
+      set.emplace_back(field->name(), PlainText(message, *field, field->is_repeated() ? k : -1));
+    }
+  }
+  return set;
 }
 
 std::string PrintDocumented(const Message& message) { return DocumentedPrinter().Print(message); }

@@ -3,6 +3,8 @@
 #include <google/protobuf/message.h>
 
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "absl/status/status.h"
 
@@ -20,6 +22,10 @@ absl::Status ParseCheckedText(const std::string& text, const std::string& source
 // names the fields there are.
 absl::Status SetCheckedField(const std::string& name, const std::string& value,
                              google::protobuf::Message* message);
+
+// The fields that are set, none of them messages, with values as SetCheckedField() takes them.
+std::vector<std::pair<std::string, std::string>> SetFields(
+    const google::protobuf::Message& message);
 
 // All fields with their documentation, default and range as comments. A field that is not set
 // stands there as a comment with its default, so that the text parses to the same message.

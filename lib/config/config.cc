@@ -95,6 +95,16 @@ absl::StatusOr<config::Scan> ParseScanFlag(const std::string& flag) {
   return scan;
 }
 
+std::string ScanFlagOf(const config::Scan& scan) {
+  std::string flag = scan.channel();
+  if (scan.has_preset()) flag += ":" + scan.preset();
+  config::Scan options = scan;
+  options.clear_channel();
+  options.clear_preset();
+  for (const auto& [name, value] : SetFields(options)) flag += fmt::format(",{}={}", name, value);
+  return flag;
+}
+
 absl::Status CheckConfig(const config::Config& config) {
   if (config.scan_size() == 0 || config.pose().empty()) {
     return InvalidArgument(

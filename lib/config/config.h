@@ -20,6 +20,9 @@ absl::StatusOr<config::Config> LoadConfig(const std::string& path);
 // What a flag --scan says: CHANNEL[:PRESET][,option=value]..., each part as in config.proto.
 absl::StatusOr<config::Scan> ParseScanFlag(const std::string& flag);
 
+// The flag that ParseScanFlag() reads as `scan`.
+std::string ScanFlagOf(const config::Scan& scan);
+
 // What no single field shows: ranges against the knot interval, channels named twice, no channel to
 // map from. InvalidArgument says what to do.
 absl::Status CheckConfig(const config::Config& config);

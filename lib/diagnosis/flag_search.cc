@@ -5,7 +5,7 @@
 #include <numbers>
 #include <utility>
 
-#include "lib/base/status.h"
+#include "lib/config/checked_text.h"
 #include "lib/diagnosis/hit_spread.h"
 
 namespace splinemap {
@@ -125,24 +125,23 @@ SensorOptions WithBestTimes(const DriveSample& sample, const SensorOptions& give
 
 double Milliseconds(Utime time) { return static_cast<double>(time.count()) / 1000; }
 
-// What has to be said beside a preset.
-std::vector<std::string> OptionsBeside(const SensorOptions& preset, const SensorOptions& wanted) {
-  std::vector<std::string> options;
-  if (wanted.bearing_sign != preset.bearing_sign) {
-    options.push_back(fmt::format("bearing_sign={}", wanted.bearing_sign));
-  }
+// What has to be set beside a preset.
+config::Scan OptionsBeside(const SensorOptions& preset, const SensorOptions& wanted) {
+  config::Scan scan;
+  if (wanted.bearing_sign != preset.bearing_sign) scan.set_bearing_sign(wanted.bearing_sign);
   if (wanted.time_offset != preset.time_offset) {
-    options.push_back(fmt::format("time_offset_ms={}", Milliseconds(wanted.time_offset)));
+    scan.set_time_offset_ms(Milliseconds(wanted.time_offset));
   }
-  if (wanted.use_beam_times != preset.use_beam_times) {
-    options.push_back(fmt::format("beam_times={}", wanted.use_beam_times));
-  }
+  if (wanted.use_beam_times != preset.use_beam_times) scan.set_beam_times(wanted.use_beam_times);
   if (!wanted.use_beam_times && wanted.scan_duration != preset.scan_duration) {
-    options.push_back(fmt::format("scan_duration_ms={}", Milliseconds(wanted.scan_duration)));
+    scan.set_scan_duration_ms(Milliseconds(wanted.scan_duration));
   }
-  const double yaw_deg = WrapAngle(wanted.mount.robot_T_sensor.yaw_rad) * 180 / std::numbers::pi;
-  if (std::abs(yaw_deg) > 1e-9) options.push_back(fmt::format("yaw_deg={:.6g}", yaw_deg));
-  return options;
+  return scan;
+}
+
+double YawDegrees(const SensorOptions& options) {
+  const double yaw_deg = WrapAngle(options.mount.robot_T_sensor.yaw_rad) * 180 / std::numbers::pi;
+  return std::round(yaw_deg * 1e6) / 1e6;
 }
 
 }  // namespace
@@ -169,21 +168,30 @@ std::optional<FlagProposal> SearchFlags(const DriveSample& sample, const SensorO
   return proposal;
 }
 
-std::string ScanFlag(const std::string& channel, const std::string& preset,
-                     const SensorOptions& options) {
+config::Scan ScanWith(const config::Scan& given, const std::string& preset,
+                      const SensorOptions& options) {
   std::vector<std::string> presets = PresetNames();
   std::stable_partition(presets.begin(), presets.end(),
                         [&](const std::string& name) { return name == preset; });
-  std::string shortest;
-  size_t fewest = SIZE_MAX;
+  config::Scan beside;
   for (const std::string& name : presets) {
-    const auto beside = OptionsBeside(SensorOptionsOf(config::Scan(), name), options);
-    if (beside.size() >= fewest) continue;
-    fewest = beside.size();
-    shortest = fmt::format("{}:{}", channel, name);
-    for (const std::string& option : beside) shortest += "," + option;
+    config::Scan candidate = OptionsBeside(SensorOptionsOf(config::Scan(), name), options);
+    candidate.set_preset(name);
+    if (!beside.has_preset() || SetFields(candidate).size() < SetFields(beside).size()) {
+      beside = candidate;
+    }
   }
-  return shortest;
+  config::Scan scan = given;
+  scan.clear_bearing_sign();
+  scan.clear_time_offset_ms();
+  scan.clear_scan_duration_ms();
+  scan.clear_beam_times();
+  scan.MergeFrom(beside);
+  if (!scan.has_extrinsics_channel()) {
+    scan.clear_yaw_deg();
+    if (const double yaw_deg = YawDegrees(options); yaw_deg != 0) scan.set_yaw_deg(yaw_deg);
+  }
+  return scan;
 }
 
 }  // namespace splinemap

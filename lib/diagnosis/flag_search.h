@@ -1,6 +1,5 @@
 #pragma once
 
-#include <cstddef>
 #include <optional>
 #include <string>
 #include <vector>
@@ -28,10 +27,10 @@ struct FlagProposal {
 // scans, or the robot turned by less than 30 degrees.
 std::optional<FlagProposal> SearchFlags(const DriveSample& sample, const SensorOptions& given);
 
-// How to write options on the command line: "LIDAR:michigan_2017,time_offset_ms=-100". Names the
-// preset that leaves the fewest options to set, `preset` where others do as well. What a search
-// does not change is not looked at.
-std::string ScanFlag(const std::string& channel, const std::string& preset,
-                     const SensorOptions& options);
+// `given` with the options that a search may change replaced by those of `options`. Names the
+// preset that leaves the fewest of them to set, `preset` where others do as well. Where extrinsics
+// come from a channel, the direction of the sensor is left to it.
+config::Scan ScanWith(const config::Scan& given, const std::string& preset,
+                      const SensorOptions& options);
 
 }  // namespace splinemap

@@ -12,6 +12,7 @@ constexpr size_t kSampleScans = 200;
 constexpr size_t kMinScans = 10;
 // Time stamps of one clock differ by less, on the way to the log: wireless links take their time.
 constexpr double kOtherClock_s = 0.5;
+constexpr double kMaxClockOffset_s = 4e9;  // as time_offset_ms may be
 constexpr double kLongGap_s = 1;
 
 std::vector<std::string> ChannelsOf(const Survey& survey, bool (*is_kind)(MessageType)) {
@@ -25,7 +26,7 @@ std::vector<std::string> ChannelsOf(const Survey& survey, bool (*is_kind)(Messag
 // What to add to the stamps of `scan` to have the clock of `pose`.
 Utime ClockOffset(const Survey& survey, const std::string& scan, const std::string& pose) {
   const double offset_s = survey.Find(scan)->least_lag_s - survey.Find(pose)->least_lag_s;
-  if (std::abs(offset_s) < kOtherClock_s) return Utime(0);
+  if (std::abs(offset_s) < kOtherClock_s || std::abs(offset_s) > kMaxClockOffset_s) return Utime(0);
   return std::chrono::milliseconds(std::llround(offset_s * 1000));
 }
 
@@ -113,7 +114,6 @@ const FlagTrial* Sharpest(const std::vector<FlagTrial>& trials, const std::strin
   return best;
 }
 
-// The channel alone where it needs no more.
 std::string FlagFor(const Survey& survey, const config::Scan& scan, const FlagTrial* trial) {
   const std::string preset = PresetOf(survey, scan);
   SensorOptions options = SensorOptionsOf(scan, preset);
@@ -121,8 +121,13 @@ std::string FlagFor(const Survey& survey, const config::Scan& scan, const FlagTr
     options.time_offset += trial->clock_offset;
     if (trial->flags) options = trial->flags->options;
   }
-  const std::string flag = ScanFlag(scan.channel(), preset, options);
-  return flag == scan.channel() + ":" + survey.Find(scan.channel())->preset ? scan.channel() : flag;
+  config::Scan proposed = ScanWith(scan, preset, options);
+  config::Scan alone;
+  alone.set_channel(scan.channel());
+  alone.set_preset(survey.Find(scan.channel())->preset);
+  // The channel is enough where the preset is told, and nothing beside it is needed.
+  if (ScanFlagOf(proposed) == ScanFlagOf(alone)) proposed.clear_preset();
+  return ScanFlagOf(proposed);
 }
 
 void RemarkOnClocks(const Survey& survey, std::vector<std::string>& remarks) {

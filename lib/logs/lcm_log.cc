@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "lcm/lcm-cpp.hpp"
+#include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/logs/gz_file.h"
 
@@ -217,21 +218,15 @@ absl::Status ReadLcmLog(const std::string& path, absl::FunctionRef<void(const Lo
   return reader.status();
 }
 
-// Writes beside the path, and takes the name when all is written.
 struct LcmLogWriter::Impl {
-  explicit Impl(const std::string& log_path)
-      : path(log_path), part(log_path + ".part"), file(std::in_place, part, "w") {}
-  ~Impl() {
-    file.reset();
-    std::remove(part.c_str());  // where it got no name
-  }
+  explicit Impl(NewFile new_file)
+      : file(std::move(new_file)), log(std::in_place, file.temporary_path(), "w") {}
   absl::Status CannotWrite() const {
-    return Unavailable("cannot write {}: {}", path, std::strerror(errno));
+    return Unavailable("cannot write {}: {}", file.path(), std::strerror(errno));
   }
 
-  std::string path;
-  std::string part;
-  std::optional<lcm::LogFile> file;
+  NewFile file;
+  std::optional<lcm::LogFile> log;
 };
 
 LcmLogWriter::LcmLogWriter(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -240,8 +235,9 @@ LcmLogWriter& LcmLogWriter::operator=(LcmLogWriter&&) noexcept = default;
 LcmLogWriter::~LcmLogWriter() = default;
 
 absl::StatusOr<LcmLogWriter> LcmLogWriter::Create(const std::string& path) {
-  auto impl = std::make_unique<Impl>(path);
-  if (!impl->file->good()) return impl->CannotWrite();
+  SPLINEMAP_ASSIGN_OR_RETURN(NewFile file, NewFile::Create(path));
+  auto impl = std::make_unique<Impl>(std::move(file));
+  if (!impl->log->good()) return impl->CannotWrite();
   return LcmLogWriter(std::move(impl));
 }
 
@@ -253,16 +249,15 @@ absl::Status LcmLogWriter::WriteBytes(Utime utime, const std::string& channel,
   event.channel = channel;
   event.datalen = static_cast<int32_t>(message.size());
   event.data = message.data();
-  return impl_->file->writeEvent(&event) == 0 ? absl::OkStatus() : impl_->CannotWrite();
+  return impl_->log->writeEvent(&event) == 0 ? absl::OkStatus() : impl_->CannotWrite();
 }
 
 absl::Status LcmLogWriter::Close() {
   if (!impl_) return FailedPrecondition("this log is closed");
   const std::unique_ptr<Impl> impl = std::move(impl_);
-  if (std::fflush(impl->file->getFilePtr()) != 0) return impl->CannotWrite();
-  impl->file.reset();
-  if (std::rename(impl->part.c_str(), impl->path.c_str()) != 0) return impl->CannotWrite();
-  return absl::OkStatus();
+  if (std::fflush(impl->log->getFilePtr()) != 0) return impl->CannotWrite();
+  impl->log.reset();
+  return impl->file.Commit();
 }
 
 }  // namespace splinemap

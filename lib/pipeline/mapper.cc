@@ -20,7 +20,7 @@ constexpr int kManyAtOdds = 12;
 constexpr double kAtOdds = 0.35;
 constexpr int kMinHits = 10;
 
-// What the flags are tried on, once in the first seconds. Some 50 ms of work.
+// What the flags are tried on, once in the first seconds. A tenth of a second of work.
 constexpr size_t kDriveScans = 40;
 constexpr size_t kDriveBeams = 90;
 // Other flags are suggested where they gain at least this.
@@ -228,7 +228,7 @@ void Mapper::TryOtherFlags(ScanChannel& channel) {
        fmt::format("read otherwise it gives a sharper map: hits lie in {:.0f} cells of 5 cm, and "
                    "in {:.0f} as it is read now. Try --scan {}",
                    proposal->spread, proposal->spread_given,
-                   ScanFlag(name, channel.preset, proposal->options)));
+                   ScanFlagOf(ScanWith(channel.config, channel.preset, proposal->options))));
 }
 
 void Mapper::Drop(DropReason reason, const std::string& channel, const std::string& explanation) {

@@ -195,9 +195,13 @@ void Daemon::ShowState() {
 }
 
 void Daemon::ReportProblem(const Notice& notice) {
-  MutexLock lock(mutex_);
-  state_.last_problem = notice.text;
-  if (const auto text = limiter_.Say(notice, Clock::now())) spdlog::warn("{}", *text);
+  std::optional<std::string> text;
+  {
+    MutexLock lock(mutex_);
+    state_.last_problem = notice.text;
+    text = limiter_.Say(notice, Clock::now());
+  }
+  if (text) spdlog::warn("{}", *text);  // which may wait for a terminal
 }
 
 void Daemon::Find(Symptom symptom, const std::string& subject, std::string text, int64_t times) {

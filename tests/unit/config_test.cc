@@ -98,6 +98,16 @@ TEST(ParseScanFlagTest, MasksAddUp) {
   EXPECT_EQ(options.every_nth_beam, 3);
 }
 
+TEST(ScanFlagTest, IsWrittenAsItIsRead) {
+  for (const char* flag : {"LIDAR", "LIDAR:mbot_2024", "LIDAR,x_m=0.25",
+                           "A B:bot_core,no_return=free,mask=1..2,mask=3..4",
+                           "LIDAR:bot_core,time_offset_ms=-1487296512345,beam_times=true"}) {
+    const auto scan = ParseScanFlag(flag);
+    ASSERT_TRUE(scan.ok()) << scan.status();
+    EXPECT_EQ(ParseScanFlag(ScanFlagOf(*scan))->SerializeAsString(), scan->SerializeAsString());
+  }
+}
+
 TEST(CheckConfigTest, MasksAreRangesOfDegrees) {
   for (const char* mask : {"", "10", "10..", "10..10", "a..b", "0..400", "nan..10", "1..2..3"}) {
     config::Config config;

@@ -69,29 +69,45 @@ TEST(FlagSearchTest, ARobotThatDoesNotTurnTellsNothing) {
   EXPECT_FALSE(SearchFlags(DriveSample(), SensorOptions()));
 }
 
-TEST(ScanFlagTest, NamesThePresetThatNeedsTheFewestOptions) {
+std::string FlagWith(const std::string& given, const std::string& preset,
+                     const SensorOptions& options) {
+  return ScanFlagOf(ScanWith(*ParseScanFlag(given), preset, options));
+}
+
+TEST(ScanWithTest, NamesThePresetThatNeedsTheFewestOptions) {
   SensorOptions options = SensorOptionsOf({}, "michigan_2014");
-  EXPECT_EQ(ScanFlag("LIDAR", "bot_core", options), "LIDAR:michigan_2014");
+  EXPECT_EQ(FlagWith("LIDAR", "bot_core", options), "LIDAR:michigan_2014");
   options = SensorOptionsOf({}, "michigan_2017");
   options.time_offset = Utime(-87'500);
-  EXPECT_EQ(ScanFlag("LIDAR", "bot_core", options), "LIDAR:michigan_2017,time_offset_ms=-87.5");
+  EXPECT_EQ(FlagWith("LIDAR", "bot_core", options), "LIDAR:michigan_2017,time_offset_ms=-87.5");
   options = SensorOptionsOf({}, "bot_core");
   options.mount.robot_T_sensor.yaw_rad = std::numbers::pi;
-  EXPECT_EQ(ScanFlag("LIDAR", "bot_core", options), "LIDAR:bot_core,yaw_deg=180");
+  EXPECT_EQ(FlagWith("LIDAR", "bot_core", options), "LIDAR:bot_core,yaw_deg=180");
   options = {};
   options.bearing_sign = -1;
   options.time_offset = milliseconds(50);
-  EXPECT_EQ(ScanFlag("LIDAR", "michigan_2017", options),
+  EXPECT_EQ(FlagWith("LIDAR", "michigan_2017", options),
             "LIDAR:michigan_2017,time_offset_ms=50,scan_duration_ms=0")
       << "the one at hand where others are as short";
 }
 
-TEST(ScanFlagTest, WhatItWritesIsReadBack) {
+TEST(ScanWithTest, KeepsWhatASearchDoesNotChange) {
+  const std::string given =
+      "LIDAR:bot_core,bearing_sign=-1,range_max_m=8,x_m=0.5,mask=1..2,mask=3..4";
+  EXPECT_EQ(FlagWith(given, "bot_core", SensorOptionsOf({}, "mbot_2024")),
+            "LIDAR:mbot_2024,range_max_m=8,x_m=0.5,mask=1..2,mask=3..4");
+  SensorOptions turned;
+  turned.mount.robot_T_sensor.yaw_rad = 1;
+  EXPECT_EQ(FlagWith("LIDAR,extrinsics_channel=MOUNT", "bot_core", turned),
+            "LIDAR:bot_core,extrinsics_channel=MOUNT");
+}
+
+TEST(ScanWithTest, WhatItWritesIsReadBack) {
   SensorOptions options;
   options.bearing_sign = -1;
   options.time_offset = Utime(1'487'296'512'345'000);
   options.scan_duration = milliseconds(-200);
-  const auto scan = ParseScanFlag(ScanFlag("LIDAR", "mbot_2024", options));
+  const auto scan = ParseScanFlag(FlagWith("LIDAR", "mbot_2024", options));
   ASSERT_TRUE(scan.ok()) << scan.status();
   const SensorOptions read = SensorOptionsOf(*scan, scan->preset());
   EXPECT_EQ(read.bearing_sign, -1);
