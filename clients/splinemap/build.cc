@@ -50,18 +50,12 @@ absl::Status SaveAs(const MapSnapshot& map, const std::string& out) {
     SPLINEMAP_RETURN_IF_ERROR(file.Save(map));
     SPLINEMAP_RETURN_IF_ERROR(file.Close());
   }
-  if (std::filesystem::exists(out, error)) {
-    // What an old map has in files beside it would be taken for the new one's.
-    SPLINEMAP_ASSIGN_OR_RETURN(MapFile old, MapFile::Open(out));
-    SPLINEMAP_RETURN_IF_ERROR(old.Close());
-  }
-  std::filesystem::rename(part, out, error);
-  if (error) return Unavailable("cannot write {}: {}", out, error.message());
-  return absl::OkStatus();
+  return MapFile::Rename(part, out);
 }
 
 absl::StatusOr<int> Build(const Flags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.out, flags.force));
+  SPLINEMAP_RETURN_IF_ERROR(MapFile::CheckNotInUse(flags.out));
   SPLINEMAP_ASSIGN_OR_RETURN(config::Config config, ConfigOf(flags.input));
   if (config.scan_size() == 0 || config.pose().empty()) {
     ProgressBar bar("looking for scans and poses");
@@ -91,9 +85,10 @@ absl::StatusOr<int> Build(const Flags& flags) {
   if (!read.ok()) std::fprintf(stderr, "%s\n", ErrorText(read).c_str());
   ReportDrops(counts.drops);
   if (counts.scans_mapped == 0) {
-    return FailedPrecondition("no scan of {} was mapped: {} scans and {} poses on {}", flags.log,
-                              counts.scans_received, counts.poses_received,
-                              fmt::join(mapper.channels(), ", "));
+    return FailedPrecondition(
+        "no scan of {} was mapped: {} scans and {} poses on {}; see splinemap doctor {}", flags.log,
+        counts.scans_received, counts.poses_received, fmt::join(mapper.channels(), ", "),
+        flags.log);
   }
   const std::shared_ptr<const MapSnapshot> snapshot = map.Snapshot();
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(*snapshot, flags.out));

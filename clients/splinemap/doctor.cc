@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/escaping.h"
+#include "absl/strings/str_replace.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/progress.h"
 #include "lib/base/status.h"
@@ -67,8 +68,7 @@ nlohmann::json ToJson(const SurveyedChannel& channel) {
     json["repeated"] = channel.repeated;
     json["stepped_back"] = channel.stepped_back;
     json["longest_gap_s"] = channel.longest_gap_s;
-    json["least_lag_s"] = channel.least_lag_s;
-    json["greatest_lag_s"] = channel.greatest_lag_s;
+    json["lag_s"] = channel.lag_s;
   }
   return json;
 }
@@ -117,11 +117,32 @@ void PrintTrials(const Proposal& proposal) {
     fmt::print("{:<20} {:<20} {:>6} ", absl::Utf8SafeCHexEscape(trial.scan),
                absl::Utf8SafeCHexEscape(trial.pose), trial.scans);
     if (trial.flags) {
-      fmt::print("{:>9.0f} {:>9.0f} {:>11.0f}\n", trial.flags->spread_given, trial.flags->spread,
-                 trial.flags->spread_flipped);
+      fmt::print("{:>9.0f} {:>9.0f} {:>11.0f}{}\n", trial.flags->spread_given, trial.flags->spread,
+                 trial.flags->spread_flipped,
+                 trial.flags->is_time_beyond ? "  more than a second apart?" : "");
     } else {
       fmt::print("the robot turned too little, or has too few poses, to tell\n");
     }
+  }
+}
+
+// A channel may have any name: as a shell takes it.
+std::string Quoted(const std::string& word) {
+  constexpr const char* kPlain =
+      "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-.,:=/+";
+  if (word.find_first_not_of(kPlain) == std::string::npos) return word;
+  return "'" + absl::StrReplaceAll(absl::Utf8SafeCHexEscape(word), {{"'", "'\\''"}}) + "'";
+}
+
+void PrintFlags(const Proposal& proposal) {
+  fmt::print("\nmap it with:");
+  for (const std::string& flag : proposal.scan_flags) fmt::print(" --scan {}", Quoted(flag));
+  fmt::print(" --pose {}\n", Quoted(proposal.pose));
+  for (const std::string& channel : proposal.scans) {
+    if (channel.find_first_of(":,") == std::string::npos) continue;
+    fmt::print(
+        "{} has a colon or comma, which --scan does not take: name it in a file for --config\n",
+        absl::Utf8SafeCHexEscape(channel));
   }
 }
 
@@ -147,8 +168,16 @@ absl::StatusOr<Survey> Listen(const Flags& flags) {
   return survey;
 }
 
+// Checks the options of scan channels; what is not given is chosen later.
+absl::Status CheckGiven(config::Config given) {
+  if (given.scan_size() == 0) return absl::OkStatus();
+  if (given.pose().empty()) given.set_pose("POSE of some name");
+  return CheckConfig(given);
+}
+
 absl::StatusOr<int> Doctor(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const config::Config given, ConfigOf(flags.input));
+  SPLINEMAP_RETURN_IF_ERROR(CheckGiven(given));
   if (flags.live != flags.log.empty()) {
     return InvalidArgument("give either a LOG or --live, for the bus");
   }
@@ -165,13 +194,12 @@ absl::StatusOr<int> Doctor(const Flags& flags) {
   const absl::StatusOr<Proposal> proposal = Propose(survey, given);
   if (flags.json) {
     PrintJson(survey, proposal, given);
-    return damage.empty() ? kSuccess : kFailed;
+    return damage.empty() && proposal.ok() ? kSuccess : kFailed;
   }
   PrintChannels(survey);
-  SPLINEMAP_RETURN_IF_ERROR(proposal.status());
+  if (!proposal.ok()) return Unavailable("{}", ErrorText(proposal.status()));
   PrintTrials(*proposal);
-  fmt::print("\nmap it with: --scan {} --pose {}\n", fmt::join(proposal->scan_flags, " --scan "),
-             proposal->pose);
+  PrintFlags(*proposal);
   return damage.empty() ? kSuccess : kFailed;
 }
 
@@ -183,7 +211,7 @@ Examples:
 
 Lists the channels and what is odd about them, tries signs of bearing, time offsets and pose
 channels on the first minutes, and proposes the flags that make the sharpest map. The robot should
-drive and turn meanwhile.)";
+drive and turn meanwhile. Messages beyond 1 MB are not seen on a bus.)";
 
 }  // namespace
 

@@ -85,7 +85,6 @@ absl::StatusOr<int> Export(const Flags& flags) {
     SPLINEMAP_RETURN_IF_ERROR(CheckOutput(paths.back(), flags.force));
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
-  for (const std::string& damage : loaded.damages) fmt::print(stderr, "{}\n", damage);
   SPLINEMAP_ASSIGN_OR_RETURN(
       const PixelGrid grid,
       GridOfRegion(*loaded.map, region,
@@ -101,7 +100,7 @@ absl::StatusOr<int> Export(const Flags& flags) {
   fmt::print(stderr, "{}: {} x {} pixels of {} m, lower left corner at {}, {} m\n",
              fmt::join(paths, ", "), grid.width, grid.height, grid.pixel_m, grid.left_m,
              grid.bottom_m());
-  return kSuccess;
+  return ReportDamages(loaded);
 }
 
 constexpr const char* kExamples = R"(

@@ -1,5 +1,9 @@
+#include <unistd.h>
+
 #include <algorithm>
+#include <cerrno>
 #include <cstdio>
+#include <cstring>
 #include <filesystem>
 
 #include "clients/splinemap/commands.h"
@@ -12,6 +16,9 @@ absl::Status CheckOutput(const std::string& path, bool force) {
   const std::filesystem::path folder = std::filesystem::absolute(path, error).parent_path();
   if (!std::filesystem::is_directory(folder, error)) {
     return InvalidArgument("cannot write {}: there is no folder {}", path, folder.string());
+  }
+  if (access(folder.c_str(), W_OK) != 0) {
+    return Unavailable("cannot write {}: {}", path, std::strerror(errno));
   }
   if (!std::filesystem::exists(path, error)) return absl::OkStatus();
   if (!std::filesystem::is_regular_file(path, error)) {

@@ -38,6 +38,9 @@ std::string Preview(const Raster& raster) {
 }
 
 absl::StatusOr<int> Render(const Flags& flags) {
+  if (!flags.out.empty() && !flags.out.ends_with(".png")) {
+    return InvalidArgument("{}: render writes a PNG; give it a name that ends in .png", flags.out);
+  }
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
   if (flags.out.empty()) {
     const double pixels_per_knot = std::min(1.0, FittingPixelsPerKnot(*loaded.map, 2000));

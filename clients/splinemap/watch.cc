@@ -52,11 +52,16 @@ nlohmann::json ToJson(const status_t& status) {
 
 // Texts come from the bus: control characters are shown, not sent to the terminal.
 std::string Line(const status_t& status) {
-  std::string line = fmt::format(
-      "{}: {} scans and {} poses in, {} mapped, {} dropped, {} waiting; {} tiles; {:.3f} ms a scan",
-      absl::Utf8SafeCHexEscape(status.name), status.scans_received, status.poses_received,
-      status.scans_mapped, status.messages_dropped, status.messages_queued + status.scans_queued,
-      status.tiles, status.scan_time_mean_ms);
+  std::string line = fmt::format("{}: {} of {} scans mapped, {} poses; {} waiting; {} tiles",
+                                 absl::Utf8SafeCHexEscape(status.name), status.scans_mapped,
+                                 status.scans_received, status.poses_received,
+                                 status.messages_queued + status.scans_queued, status.tiles);
+  if (status.scan_time_mean_ms > 0)
+    line += fmt::format("; {:.3f} ms a scan", status.scan_time_mean_ms);
+  for (size_t k = 0; k < status.drop_reasons.size(); ++k) {
+    line += fmt::format("{} {} {}", k == 0 ? "; dropped" : ",", status.drop_counts[k],
+                        absl::Utf8SafeCHexEscape(status.drop_reasons[k]));
+  }
   if (!status.last_problem.empty()) line += "; " + absl::Utf8SafeCHexEscape(status.last_problem);
   return line;
 }

@@ -48,13 +48,13 @@ absl::StatusOr<BearingRange> ParseMask(const std::string& text) {
   double to_deg = 0;
   const bool is_range = ends.size() == 2 && absl::SimpleAtod(ends[0], &from_deg) &&
                         absl::SimpleAtod(ends[1], &to_deg) && std::abs(from_deg) <= 360 &&
-                        std::abs(to_deg) <= 360 && from_deg != to_deg;
+                        std::abs(to_deg) <= 360 && std::fmod(to_deg - from_deg, 360) != 0;
   if (!is_range) {
     return InvalidArgument("mask {} is not FROM..TO in degrees within -360 .. 360, as in 170..-170",
                            text);
   }
   const double span_deg = std::fmod(to_deg - from_deg + 720, 360);
-  return BearingRange{Radians(from_deg), Radians(span_deg == 0 ? 360 : span_deg)};
+  return BearingRange{Radians(from_deg), Radians(span_deg)};
 }
 
 Utime Milliseconds(double value) { return Utime(std::llround(value * 1000)); }
@@ -76,7 +76,10 @@ absl::StatusOr<config::Scan> ParseScanFlag(const std::string& flag) {
   config::Scan scan;
   const size_t end = flag.find_first_of(":,");
   scan.set_channel(flag.substr(0, end));
-  if (scan.channel().empty()) return InvalidArgument("--scan {}: no channel", flag);
+  if (scan.channel().empty() || scan.channel().starts_with('-')) {
+    return InvalidArgument(
+        "--scan {}: no channel; it goes as --scan CHANNEL[:PRESET][,OPTION=VALUE]", flag);
+  }
   if (end == std::string::npos) return scan;
   bool is_first = flag[end] == ':';
   const std::vector<std::string> parts = absl::StrSplit(flag.substr(end + 1), ',');
@@ -143,6 +146,9 @@ absl::Status CheckConfig(const config::Config& config) {
       }
     }
     const double knots = scan.range_max_m() / config.method().knot_interval_m();
+    if (scan.has_extrinsics_channel() && scan.extrinsics_channel().empty()) {
+      return InvalidArgument("scan {}: extrinsics_channel is empty", scan.channel());
+    }
     if (scan.has_extrinsics_channel() && (scan.has_x_m() || scan.has_y_m() || scan.has_yaw_deg())) {
       return InvalidArgument("scan {}: either extrinsics_channel or x_m, y_m and yaw_deg",
                              scan.channel());

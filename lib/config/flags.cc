@@ -8,7 +8,8 @@ namespace splinemap {
 void AddInputFlags(CLI::App& app, InputFlags& flags) {
   app.add_option(
          "--scan", flags.scans,
-         "Scan channel with how to read it; more than once for several. Presets: auto, " +
+         "Scan channel with how to read it; more than once for several; replaces all of "
+         "--config. Presets: auto, " +
              absl::StrJoin(PresetNames(), ", ") +
              ". Options: bearing_sign, time_offset_ms, scan_duration_ms, beam_times, "
              "range_min_m, range_max_m, no_return, no_return_up_to_m, mask, every_nth_beam, "

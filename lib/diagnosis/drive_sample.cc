@@ -14,6 +14,8 @@ constexpr double kNewPlace_rad = 3 * std::numbers::pi / 180;
 
 constexpr Utime kMargin = milliseconds(1500);
 constexpr Utime kMaxPoseGap = milliseconds(1000);
+// A scan waits for poses no longer than this.
+constexpr Utime kMaxWait = milliseconds(5000);
 constexpr size_t kMaxWaiting = 1000;
 
 }  // namespace
@@ -39,9 +41,36 @@ bool HasPosesAround(const PoseBuffer& poses, Utime utime) {
   return bracket && bracket->after->utime - bracket->before->utime <= kMaxPoseGap;
 }
 
+DriveSample SampleOf(const std::vector<RangeReadings>& scans, const PoseBuffer& poses,
+                     Utime time_offset, size_t max_scans) {
+  DriveSample sample;
+  sample.poses = poses;
+  PlaceFilter places;
+  for (const RangeReadings& readings : scans) {
+    if (sample.scans.size() == max_scans) break;
+    const Utime utime = readings.utime + time_offset;
+    if (HasPosesAround(poses, utime) && places.IsNew(Interpolate(*poses.Find(utime), utime))) {
+      sample.scans.push_back(readings);
+    }
+  }
+  sample.turned_rad = places.turned_rad();
+  return sample;
+}
+
+bool PlaceFilter::IsNew(const Pose2& world_T_robot) {
+  if (last_) {
+    const double moved_m = (world_T_robot.position_m - last_->position_m).norm();
+    const double turned_rad = std::abs(WrapAngle(world_T_robot.yaw_rad - last_->yaw_rad));
+    if (moved_m < kNewPlace_m && turned_rad < kNewPlace_rad) return false;
+    turned_rad_ += turned_rad;
+  }
+  last_ = world_T_robot;
+  return true;
+}
+
 void DriveCollector::AddPose(const TimedPose& pose) {
   if (full()) return;
-  sample_.poses.Add(pose);
+  recent_.Add(pose);
   KeepScans();
 }
 
@@ -53,27 +82,24 @@ void DriveCollector::AddScan(RangeReadings readings, Utime time_offset) {
 }
 
 void DriveCollector::KeepScans() {
-  const PoseBuffer& poses = sample_.poses;
-  while (!waiting_.empty() && !full() && !poses.empty()) {
+  while (!waiting_.empty() && !full() && !recent_.empty()) {
     auto& [readings, time_offset] = waiting_.front();
     const Utime utime = readings.utime + time_offset;
-    if (poses.newest() < utime + kMargin) return;
-    if (HasPosesAround(poses, utime) && IsNewPlace(Interpolate(*poses.Find(utime), utime))) {
-      sample_.scans.push_back(std::move(readings));
-    }
+    const bool is_of_another_clock = utime > recent_.newest() + kMaxWait;
+    if (recent_.newest() < utime + kMargin && !is_of_another_clock) return;
+    if (!is_of_another_clock) Keep(std::move(readings), utime);
     waiting_.pop_front();
   }
 }
 
-bool DriveCollector::IsNewPlace(const Pose2& world_T_robot) {
-  if (last_place_) {
-    const double moved_m = (world_T_robot.position_m - last_place_->position_m).norm();
-    const double turned_rad = std::abs(WrapAngle(world_T_robot.yaw_rad - last_place_->yaw_rad));
-    if (moved_m < kNewPlace_m && turned_rad < kNewPlace_rad) return false;
-    sample_.turned_rad += turned_rad;
-  }
-  last_place_ = world_T_robot;
-  return true;
+void DriveCollector::Keep(RangeReadings readings, Utime utime) {
+  if (!HasPosesAround(recent_, utime)) return;
+  if (!places_.IsNew(Interpolate(*recent_.Find(utime), utime))) return;
+  sample_.turned_rad = places_.turned_rad();
+  sample_.scans.push_back(std::move(readings));
+  recent_.ForEach([&](const TimedPose& pose) {
+    if (std::chrono::abs(pose.utime - utime) < 2 * kMargin) sample_.poses.Add(pose);
+  });
 }
 
 }  // namespace splinemap

@@ -18,6 +18,9 @@ constexpr size_t kMinScans = 10;
 constexpr double kMinTurn_rad = 30 * std::numbers::pi / 180;
 
 constexpr Utime kMaxTriedOffset = seconds(1);
+// So near to it, the best of the tried offsets is the edge and no optimum.
+constexpr Utime kEdge = milliseconds(150);
+
 constexpr double kClearlySharper = 0.8;
 constexpr double kSharper = 0.95;
 
@@ -53,20 +56,22 @@ class Best {
   Best(const DriveSample& sample, const SensorOptions& options)
       : sample_(sample), options_(options), spread_(SpreadOf(sample, options)) {}
 
-  // Keeps `options` where they are sharper than what it has by `factor`.
+  // Keeps `options` where they are sharper than what it has. Hits that are not placed do not make a
+  // map sharp.
   void Try(const SensorOptions& options) {
-    if (const double spread = SpreadOf(sample_, options); spread < spread_) {
+    const SampleSpread spread = SpreadOf(sample_, options);
+    if (spread.hits >= spread_.hits && spread.cells < spread_.cells) {
       options_ = options;
       spread_ = spread;
     }
   }
   const SensorOptions& options() const { return options_; }
-  double spread() const { return spread_; }
+  double cells() const { return spread_.cells; }
 
  private:
   const DriveSample& sample_;
   SensorOptions options_;
-  double spread_;
+  SampleSpread spread_;
 };
 
 void TryOffsets(Best& best, SensorOptions options, Utime around, Utime reach, Utime step) {
@@ -92,7 +97,7 @@ SensorOptions WithBestDirections(const DriveSample& sample, const SensorOptions&
     }
   }
   SensorOptions found = given;
-  if (other.spread() < kClearlySharper * as_given.spread()) {
+  if (other.cells() < kClearlySharper * as_given.cells()) {
     found.bearing_sign = other.options().bearing_sign;
     found.mount = other.options().mount;
   }
@@ -101,7 +106,7 @@ SensorOptions WithBestDirections(const DriveSample& sample, const SensorOptions&
 
 SensorOptions WithBestTimes(const DriveSample& sample, const SensorOptions& given) {
   Best best(sample, given);
-  const double spread_given = best.spread();
+  const double cells_given = best.cells();
   std::vector<SensorOptions> ways{given};
   for (const int duration_ms : {0, 100, 200, -100, -200}) {
     SensorOptions options = given;
@@ -120,7 +125,7 @@ SensorOptions WithBestTimes(const DriveSample& sample, const SensorOptions& give
                milliseconds(25));
     best.Try(best_of_way.options());
   }
-  return best.spread() < kSharper * spread_given ? best.options() : given;
+  return best.cells() < kSharper * cells_given ? best.options() : given;
 }
 
 double Milliseconds(Utime time) { return static_cast<double>(time.count()) / 1000; }
@@ -146,25 +151,29 @@ double YawDegrees(const SensorOptions& options) {
 
 }  // namespace
 
-double SpreadOf(const DriveSample& sample, const SensorOptions& options) {
+SampleSpread SpreadOf(const DriveSample& sample, const SensorOptions& options) {
   std::vector<Eigen::Vector2d> hits;
   for (const RangeReadings& readings : sample.scans) {
     if (const auto scan = PrepareScan(readings, options, 0); scan.ok()) {
       PlaceHits(*scan, sample.poses, hits);
     }
   }
-  return HitSpread(hits);
+  return {hits.size(), HitSpread(hits)};
 }
 
 std::optional<FlagProposal> SearchFlags(const DriveSample& sample, const SensorOptions& given) {
   if (sample.scans.size() < kMinScans || sample.turned_rad < kMinTurn_rad) return std::nullopt;
+  const SampleSpread as_given = SpreadOf(sample, given);
+  if (as_given.hits == 0) return std::nullopt;
   FlagProposal proposal;
   proposal.options = WithBestTimes(sample, WithBestDirections(sample, given));
-  proposal.spread = SpreadOf(sample, proposal.options);
-  proposal.spread_given = SpreadOf(sample, given);
+  proposal.spread = SpreadOf(sample, proposal.options).cells;
+  proposal.spread_given = as_given.cells;
   SensorOptions flipped = proposal.options;
   flipped.bearing_sign = -flipped.bearing_sign;
-  proposal.spread_flipped = SpreadOf(sample, flipped);
+  proposal.spread_flipped = SpreadOf(sample, flipped).cells;
+  proposal.is_time_beyond =
+      std::chrono::abs(proposal.options.time_offset - given.time_offset) >= kMaxTriedOffset - kEdge;
   return proposal;
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,7 +12,11 @@
 namespace splinemap {
 
 // Spread of the hits of all scans of the sample, read and placed with `options`.
-double SpreadOf(const DriveSample& sample, const SensorOptions& options);
+struct SampleSpread {
+  size_t hits = 0;
+  double cells = 0;  // as HitSpread()
+};
+SampleSpread SpreadOf(const DriveSample& sample, const SensorOptions& options);
 
 // The options under which a drive gives the sharpest map.
 struct FlagProposal {
@@ -19,12 +24,15 @@ struct FlagProposal {
   double spread = 0;          // with them
   double spread_given = 0;    // with those given
   double spread_flipped = 0;  // with `options` and the other sign of bearing
+  // The sharpest time offset is the last one that was tried: the right one lies further off, and
+  // nothing else can be told before it is found.
+  bool is_time_beyond = false;
 };
 
 // Tries both signs of bearing, the sensor turned by quarters, time offsets up to a second to both
 // sides, scan durations and beam times. What makes no clear difference stays as given: 20 % for
-// sign and quarter turns, 5 % for times. Nothing where the sample is too small: fewer than 10
-// scans, or the robot turned by less than 30 degrees.
+// sign and quarter turns, 5 % for times. Nothing where the sample tells nothing: fewer than 10
+// scans, a robot that turned by less than 30 degrees, no hits.
 std::optional<FlagProposal> SearchFlags(const DriveSample& sample, const SensorOptions& given);
 
 // `given` with the options that a search may change replaced by those of `options`. Names the

@@ -12,36 +12,31 @@ constexpr size_t kSampleScans = 200;
 constexpr size_t kMinScans = 10;
 // Time stamps of one clock differ by less, on the way to the log: wireless links take their time.
 constexpr double kOtherClock_s = 0.5;
-constexpr double kMaxClockOffset_s = 4e9;  // as time_offset_ms may be
+// Further apart, one of them is nonsense; options take no such offset.
+constexpr double kMaxClockOffset_s = 3e9;
 constexpr double kLongGap_s = 1;
 
 std::vector<std::string> ChannelsOf(const Survey& survey, bool (*is_kind)(MessageType)) {
   std::vector<std::string> names;
   for (const SurveyedChannel& channel : survey.channels()) {
-    if (channel.type && is_kind(*channel.type)) names.push_back(channel.name);
+    const bool is_sampled =
+        !survey.ScansOf(channel.name).empty() || !survey.PosesOf(channel.name).empty();
+    if (channel.type && is_kind(*channel.type) && is_sampled) names.push_back(channel.name);
   }
   return names;
 }
 
 // What to add to the stamps of `scan` to have the clock of `pose`.
 Utime ClockOffset(const Survey& survey, const std::string& scan, const std::string& pose) {
-  const double offset_s = survey.Find(scan)->least_lag_s - survey.Find(pose)->least_lag_s;
+  const double offset_s = survey.Find(scan)->lag_s - survey.Find(pose)->lag_s;
   if (std::abs(offset_s) < kOtherClock_s || std::abs(offset_s) > kMaxClockOffset_s) return Utime(0);
   return std::chrono::milliseconds(std::llround(offset_s * 1000));
 }
 
 std::string PresetOf(const Survey& survey, const config::Scan& scan) {
   if (scan.preset() != "auto") return scan.preset();
-  const std::string& told = survey.Find(scan.channel())->preset;
+  const std::string told = survey.Find(scan.channel())->preset;
   return told.empty() ? "bot_core" : told;
-}
-
-DriveSample Sample(const std::vector<RangeReadings>& scans, const PoseBuffer& poses,
-                   Utime time_offset) {
-  DriveCollector collector(kSampleScans, Survey::kMaxBeams);
-  poses.ForEach([&](const TimedPose& pose) { collector.AddPose(pose); });
-  for (const RangeReadings& readings : scans) collector.AddScan(readings, time_offset);
-  return collector.sample();
 }
 
 // The flags of one scan channel, tried with each pose channel.
@@ -61,8 +56,8 @@ class Trials {
   std::vector<FlagTrial> Run() {
     std::vector<DriveSample> samples;
     for (const FlagTrial& trial : trials_) {
-      samples.push_back(
-          Sample(survey_.ScansOf(trial.scan), survey_.PosesOf(trial.pose), TimeOffset(trial)));
+      samples.push_back(SampleOf(survey_.ScansOf(trial.scan), survey_.PosesOf(trial.pose),
+                                 TimeOffset(trial), kSampleScans));
     }
     CompareEqualScans(samples);
     for (size_t k = 0; k < trials_.size(); ++k) {
@@ -78,23 +73,27 @@ class Trials {
   Utime TimeOffset(const FlagTrial& trial) const { return given_.time_offset + trial.clock_offset; }
 
   // Spreads can be compared between pose channels where all have the same scans: those of the
-  // largest sample that have poses of every channel that has any to offer.
+  // largest sample that have poses of every channel that has enough to offer. Where they are too
+  // few, the largest stays alone.
   void CompareEqualScans(std::vector<DriveSample>& samples) const {
     const auto largest = std::max_element(
         samples.begin(), samples.end(),
         [](const DriveSample& a, const DriveSample& b) { return a.scans.size() < b.scans.size(); });
     std::vector<RangeReadings> scans = largest->scans;
     const double turned_rad = largest->turned_rad;
-    const auto is_usable = [](const DriveSample& s) { return s.scans.size() >= kMinScans; };
+    // Poses of less than half of the drive are no choice.
+    const size_t enough = std::max(kMinScans, largest->scans.size() / 2);
+    const auto is_usable = [&](const DriveSample& s) { return s.scans.size() >= enough; };
     for (size_t k = 0; k < samples.size(); ++k) {
       if (!is_usable(samples[k])) continue;
       std::erase_if(scans, [&](const RangeReadings& readings) {
         return !HasPosesAround(samples[k].poses, readings.utime + TimeOffset(trials_[k]));
       });
     }
-    if (scans.size() < kMinScans) return;
     for (DriveSample& sample : samples) {
-      if (!is_usable(sample)) continue;
+      const bool takes_part = scans.size() < kMinScans ? &sample == &*largest : is_usable(sample);
+      if (!takes_part) sample.scans.clear();
+      if (!takes_part || scans.size() < kMinScans) continue;
       sample.scans = scans;
       sample.turned_rad = turned_rad;
     }
@@ -136,7 +135,7 @@ void RemarkOnClocks(const Survey& survey, std::vector<std::string>& remarks) {
   const std::string& reference = scans.front();
   for (const SurveyedChannel& channel : survey.channels()) {
     if (!channel.type || !(IsPose(*channel.type) || IsScan(*channel.type))) continue;
-    const double ahead_s = survey.Find(reference)->least_lag_s - channel.least_lag_s;
+    const double ahead_s = survey.Find(reference)->lag_s - channel.lag_s;
     if (std::abs(ahead_s) < kOtherClock_s) continue;
     remarks.push_back(fmt::format("{}: stamped by another clock, {:.1f} s {} that of {}",
                                   channel.name, std::abs(ahead_s),
@@ -179,7 +178,10 @@ absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& giv
       });
   const FlagTrial* sharpest = Sharpest(proposal.trials, busiest->channel());
   if (sharpest == nullptr && poses.size() > 1) {
-    return ChooseChannels(survey, config);  // which does not know either
+    return InvalidArgument(
+        "the robot drove and turned too little to tell which poses are best; listen longer, or "
+        "choose:\n  --pose {}",
+        fmt::join(poses, "\n  --pose "));
   }
   proposal.pose = sharpest != nullptr ? sharpest->pose : poses.front();
   for (const config::Scan& scan : config.scan()) {
@@ -217,11 +219,6 @@ std::vector<std::string> Remarks(const Survey& survey) {
     }
     if (channel.useless_beam_times && channel.preset == "michigan_2017") {
       remark("its beam times are all the same or none; scan_duration_ms stands in for them");
-    }
-    if (const double delay_s = channel.greatest_lag_s - channel.least_lag_s;
-        delay_s > kOtherClock_s) {
-      remark("arrived up to {:.1f} s later than at best, which does no harm: message time counts",
-             delay_s);
     }
   }
   RemarkOnClocks(survey, remarks);

@@ -36,7 +36,7 @@ struct Proposal {
 absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& given);
 
 // What is odd about the channels of scans and poses, a sentence each: repeated messages, gaps,
-// other clocks, useless beam times, damage, delays.
+// other clocks, useless beam times, damage.
 std::vector<std::string> Remarks(const Survey& survey);
 
 }  // namespace splinemap

@@ -12,6 +12,13 @@ namespace {
 // In floating point, since the times of a damaged log may be anything.
 double Seconds(Utime utime) { return static_cast<double>(utime.count()) * 1e-6; }
 
+double Median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 // The only channel of the kind, or an error that names the flag to choose with.
 absl::StatusOr<std::string> OnlyChannel(const Survey& survey, bool (*is_kind)(MessageType),
                                         const char* kind, const char* flag) {
@@ -52,34 +59,44 @@ void Survey::Add(Utime received, const std::string& name, absl::Span<const uint8
   if (place == sightings_.end()) {
     if (sightings_.size() >= kMaxChannels) return;
     place = sightings_.try_emplace(name).first;
-    Sighting& sighting = place->second;
-    sighting.channel.name = name;
-    sighting.channel.fingerprint = FingerprintOf(message);
-    sighting.channel.type = TypeOf(message);
-    sighting.first_received = received;
+    place->second.channel.name = name;
+    place->second.channel.fingerprint = FingerprintOf(message);
+    place->second.first_received = received;
   }
   Sighting& sighting = place->second;
   SurveyedChannel& channel = sighting.channel;
   ++channel.messages;
   sighting.last_received = received;
+  if (!channel.type) SetType(sighting, message);
   if (!channel.type) return;
   const absl::StatusOr<Utime> utime = Look(sighting, message);
   if (!utime.ok()) {
     if (channel.malformed++ == 0) channel.complaint = ErrorText(utime.status());
     return;
   }
-  const double lag_s = Seconds(received) - Seconds(*utime);
+  if (sighting.lags_s.size() < kMaxLags) {
+    sighting.lags_s.push_back(Seconds(received) - Seconds(*utime));
+  }
   if (sighting.last_utime) {
     channel.repeated += *utime == *sighting.last_utime;
     channel.stepped_back += *utime < *sighting.last_utime;
     channel.longest_gap_s =
         std::max(channel.longest_gap_s, Seconds(*utime) - Seconds(*sighting.last_utime));
-    channel.least_lag_s = std::min(channel.least_lag_s, lag_s);
-    channel.greatest_lag_s = std::max(channel.greatest_lag_s, lag_s);
-  } else {
-    channel.least_lag_s = channel.greatest_lag_s = lag_s;
   }
   sighting.last_utime = *utime;
+}
+
+void Survey::SetType(Sighting& sighting, absl::Span<const uint8_t> message) {
+  SurveyedChannel& channel = sighting.channel;
+  channel.type = TypeOf(message);
+  if (!channel.type) return;
+  if (channel.messages > 1) {
+    channel.malformed = channel.messages - 1;
+    channel.complaint = "it begins with messages of another type";
+  }
+  channel.fingerprint = FingerprintOf(message);
+  sighting.is_sampled = (IsScan(*channel.type) && scan_channels_++ < kMaxScanChannels) ||
+                        (IsPose(*channel.type) && pose_channels_++ < kMaxPoseChannels);
 }
 
 absl::StatusOr<Utime> Survey::Look(Sighting& sighting, absl::Span<const uint8_t> message) {
@@ -87,7 +104,9 @@ absl::StatusOr<Utime> Survey::Look(Sighting& sighting, absl::Span<const uint8_t>
   if (TypeOf(message) != channel.type) return InvalidArgument("{}", Describe(message));
   if (IsPose(*channel.type)) {
     SPLINEMAP_ASSIGN_OR_RETURN(const TimedPose pose, DecodePose(message));
-    if (channel.messages <= static_cast<int64_t>(kMaxPoses)) sighting.poses.Add(pose);
+    if (sighting.is_sampled && channel.messages <= static_cast<int64_t>(kMaxPoses)) {
+      sighting.poses.Add(pose);
+    }
     return pose.utime;
   }
   if (IsScan(*channel.type)) {
@@ -98,7 +117,7 @@ absl::StatusOr<Utime> Survey::Look(Sighting& sighting, absl::Span<const uint8_t>
       channel.preset = DetectPreset(is_planar_lidar, readings).value_or("");
       channel.useless_beam_times = !is_planar_lidar && !HaveUsefulBeamTimes(readings);
     }
-    if (sighting.scans.size() < kMaxScans) {
+    if (sighting.is_sampled && sighting.scans.size() < kMaxScans) {
       sighting.scans.push_back(Thinned(std::move(readings), kMaxBeams));
     }
     return utime;
@@ -117,13 +136,16 @@ std::vector<SurveyedChannel> Survey::channels() const {
     SurveyedChannel& channel = channels.emplace_back(sighting.channel);
     const double span_s = Seconds(sighting.last_received) - Seconds(sighting.first_received);
     if (span_s > 0) channel.rate_hz = static_cast<double>(channel.messages - 1) / span_s;
+    channel.lag_s = Median(sighting.lags_s);
   }
   return channels;
 }
 
-const SurveyedChannel* Survey::Find(const std::string& name) const {
-  const auto place = sightings_.find(name);
-  return place == sightings_.end() ? nullptr : &place->second.channel;
+std::optional<SurveyedChannel> Survey::Find(const std::string& name) const {
+  for (SurveyedChannel& channel : channels()) {
+    if (channel.name == name) return std::move(channel);
+  }
+  return std::nullopt;
 }
 
 double Survey::duration_s() const {

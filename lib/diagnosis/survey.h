@@ -22,19 +22,18 @@ namespace splinemap {
 // reads.
 struct SurveyedChannel {
   std::string name;
-  std::optional<uint64_t> fingerprint;  // of the first message, if it is one of LCM
-  std::optional<MessageType> type;      // if splinemap reads it
+  // Of the first message of a type that splinemap reads, or else of the first.
+  std::optional<uint64_t> fingerprint;
+  std::optional<MessageType> type;
   int64_t messages = 0;
   double rate_hz = 0;  // over the time from its first to its last message, as received
 
-  int64_t malformed = 0;  // of another type than the first, or not to be decoded
+  int64_t malformed = 0;  // of another type, or not to be decoded
   std::string complaint;  // about the first of these
   int64_t repeated = 0;   // utime equal to that of the message before
   int64_t stepped_back = 0;
   double longest_gap_s = 0;  // of utime
-  // Time of receipt less utime: a clock's offset and the way to us. Least and greatest.
-  double least_lag_s = 0;
-  double greatest_lag_s = 0;
+  double lag_s = 0;          // time of receipt less utime, the median: clock offset and way to us
 
   std::string preset;               // for scans: what the first message looks like
   bool useless_beam_times = false;  // for scans with beam times
@@ -49,10 +48,11 @@ class Survey {
 
   // By name.
   std::vector<SurveyedChannel> channels() const;
-  const SurveyedChannel* Find(const std::string& name) const;  // null where it was not seen
+  std::optional<SurveyedChannel> Find(const std::string& name) const;
   double duration_s() const;
 
-  // The first scans and poses of a channel, thinned; empty for another.
+  // The first scans and poses of a channel, thinned; empty for another, and for those beyond
+  // kMaxScanChannels and kMaxPoseChannels.
   const std::vector<RangeReadings>& ScansOf(const std::string& channel) const;
   const PoseBuffer& PosesOf(const std::string& channel) const;
 
@@ -60,6 +60,9 @@ class Survey {
   static constexpr size_t kMaxScans = 3000;
   static constexpr size_t kMaxBeams = 180;
   static constexpr size_t kMaxPoses = 50'000;
+  // Scans and poses are kept of so many channels.
+  static constexpr int kMaxScanChannels = 6;
+  static constexpr int kMaxPoseChannels = 10;
 
  private:
   struct Sighting {
@@ -67,13 +70,21 @@ class Survey {
     Utime first_received{0};
     Utime last_received{0};
     std::optional<Utime> last_utime;
+    bool is_sampled = false;  // scans or poses are kept
     std::vector<RangeReadings> scans;
-    PoseBuffer poses{std::chrono::hours(24)};
+    PoseBuffer poses{kAnyTime};
+    std::vector<double> lags_s;  // of the first kMaxLags
   };
 
+  void SetType(Sighting& sighting, absl::Span<const uint8_t> message);
   absl::StatusOr<Utime> Look(Sighting& sighting, absl::Span<const uint8_t> message);
 
+  static constexpr size_t kMaxLags = 10'000;
+  static constexpr Utime kAnyTime = std::chrono::years(300);
+
   std::map<std::string, Sighting> sightings_;
+  int scan_channels_ = 0;
+  int pose_channels_ = 0;
   std::optional<Utime> first_received_;
   Utime last_received_{0};
 };

@@ -23,6 +23,8 @@ constexpr int kMinHits = 10;
 // What the flags are tried on, once in the first seconds. A tenth of a second of work.
 constexpr size_t kDriveScans = 40;
 constexpr size_t kDriveBeams = 90;
+// A robot that hardly moves in so many scans gives nothing to try them on.
+constexpr int kScansBeforeFlags = 300;
 // Other flags are suggested where they gain at least this.
 constexpr double kClearlySharper = 0.8;
 // Time stamps so far apart are not those of one clock.
@@ -49,10 +51,6 @@ Mapper::Mapper(const config::Config& config, MapOptions map_options, Layer& laye
     channels_.push_back(scan.channel());
     ScanChannel& channel = scan_channels_.emplace_back();
     channel.config = scan;
-    if (scan.preset() != "auto") {
-      channel.preset = scan.preset();
-      channel.options = SensorOptionsOf(scan, channel.preset);
-    }
     channel.drive = std::make_unique<DriveCollector>(kDriveScans, kDriveBeams);
     if (scan.has_extrinsics_channel()) channels_.push_back(scan.extrinsics_channel());
   }
@@ -90,7 +88,7 @@ void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message) {
          ErrorText(readings.status()));
     return;
   }
-  if (!scan_channel.options && !ChooseOptions(scan_channel, *type, *readings)) return;
+  if (!ChooseOptions(scan_channel, *type, *readings)) return;
   SensorOptions& options = *scan_channel.options;
   if (scan_channel.config.has_extrinsics_channel()) {
     if (!scan_channel.mount) {
@@ -107,7 +105,7 @@ void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message) {
   if (options.use_beam_times && readings->beam_utimes.size() > 1 &&
       !HaveUsefulBeamTimes(*readings)) {
     Find(Symptom::kUselessBeamTimes, name,
-         "the beam times of its scans are all the same, so each scan is placed as one instant; set "
+         "the beam times of its scans differ by less than 10 ms; if the sensor is slower, set "
          "beam_times=false and scan_duration_ms, as preset michigan_2017 does");
   }
   if (scan_channel.drive) {
@@ -120,16 +118,24 @@ void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message) {
 }
 
 bool Mapper::ChooseOptions(ScanChannel& channel, MessageType type, const RangeReadings& readings) {
+  if (channel.options && channel.type == type) return true;
   const std::string& name = channel.config.channel();
-  const auto preset = DetectPreset(type == MessageType::kPlanarLidar, readings);
-  if (!preset) {
-    Drop(DropReason::kUnusableScan, name, "has too few beams to tell its preset");
-    return false;
+  std::string& preset = channel.told_presets[type];
+  if (channel.config.preset() != "auto") {
+    preset = channel.config.preset();
+  } else if (preset.empty()) {
+    preset = DetectPreset(type == MessageType::kPlanarLidar, readings).value_or("");
+    if (preset.empty()) {
+      Drop(DropReason::kUnusableScan, name, "has too few beams to tell its preset");
+      return false;
+    }
+    notices_.Add(false, fmt::format("preset {} {}", name, preset),
+                 fmt::format("{}: {} is read with preset {}, told from the first message", name,
+                             TypeName(type), preset));
   }
-  channel.preset = *preset;
-  channel.options = SensorOptionsOf(channel.config, *preset);
-  notices_.Add(false, "preset " + name,
-               fmt::format("{}: read with preset {}, told from the first message", name, *preset));
+  channel.type = type;
+  channel.preset = preset;
+  channel.options = SensorOptionsOf(channel.config, preset);
   return true;
 }
 
@@ -205,16 +211,23 @@ bool Mapper::HasMoved(const ScanChannel& channel, const Pose2& world_T_robot) co
 }
 
 void Mapper::CheckAgainstMap(ScanChannel& channel, const PlacedScan& scan) {
+  // First things first: wrong flags make scans disagree, too.
+  if (channel.drive && ++channel.scans_before_flags < kScansBeforeFlags) return;
   const HitsInMap hits = LookUpHits(scan, layer_.tiles(), map_options_.knot_interval_m);
   if (hits.looked_up < kMinHits) return;
   const bool at_odds = hits.in_free > kAtOdds * hits.looked_up;
   channel.disagreeing_in_a_row = at_odds ? channel.disagreeing_in_a_row + 1 : 0;
   if (channel.disagreeing_in_a_row != kManyAtOdds) return;
   channel.disagreeing_in_a_row = 0;
+  if (!channel.sharper_flags.empty()) {
+    Find(Symptom::kFlagsDisagree, channel.config.channel(), channel.sharper_flags);
+    return;
+  }
   Find(Symptom::kMapDisagrees, channel.config.channel(),
        fmt::format("{} scans in a row do not match the map: many of their hits lie where it is "
-                   "free. Did the localisation on {} jump, or does it drift? Is it in another "
-                   "frame or clock than when the map was made?",
+                   "free. Did the localisation on {} jump, or does it drift, or is it in another "
+                   "frame or clock than when the map was made? splinemap doctor compares the pose "
+                   "channels of a log",
                    kManyAtOdds, pose_channel_));
 }
 
@@ -223,12 +236,18 @@ void Mapper::TryOtherFlags(ScanChannel& channel) {
   const std::unique_ptr<DriveCollector> drive = std::move(channel.drive);
   const auto proposal = SearchFlags(drive->sample(), *channel.options);
   if (!proposal || proposal->spread > kClearlySharper * proposal->spread_given) return;
-  const std::string& name = channel.config.channel();
-  Find(Symptom::kFlagsDisagree, name,
-       fmt::format("read otherwise it gives a sharper map: hits lie in {:.0f} cells of 5 cm, and "
-                   "in {:.0f} as it is read now. Try --scan {}",
-                   proposal->spread, proposal->spread_given,
-                   ScanFlagOf(ScanWith(channel.config, channel.preset, proposal->options))));
+  const std::string flag = ScanFlagOf(ScanWith(channel.config, channel.preset, proposal->options));
+  channel.sharper_flags =
+      proposal->is_time_beyond
+          ? fmt::format(
+                "its scans and the poses of {} seem to be more than a second apart; set or "
+                "correct time_offset_ms",
+                pose_channel_)
+          : fmt::format(
+                "read otherwise it gives a sharper map: hits lie in {:.0f} cells of 5 cm, "
+                "and in {:.0f} as it is read now. Try --scan {}",
+                proposal->spread, proposal->spread_given, flag);
+  Find(Symptom::kFlagsDisagree, channel.config.channel(), channel.sharper_flags);
 }
 
 void Mapper::Drop(DropReason reason, const std::string& channel, const std::string& explanation) {
@@ -257,7 +276,9 @@ void Mapper::NoticeQueueDrops() {
     NoticeMissingPoses(static_cast<int>(k));
   }
   if (counts.time_jumps > noticed_.time_jumps) {
-    Find(Symptom::kTimeJump, pose_channel_,
+    Find(Symptom::kTimeJump,
+         counts.jumped_channel ? scan_channels_[*counts.jumped_channel].config.channel()
+                               : pose_channel_,
          "message time jumped back (a log was rewound?); the map is kept");
   }
   noticed_ = counts;
@@ -284,11 +305,12 @@ std::string Mapper::WhyWithoutPoses(int index) const {
   if (std::abs(ahead_ms) < kOtherClock_ms) {
     return fmt::format("Do poses come regularly on {}?", pose_channel_);
   }
+  const int64_t mending_ms = channel.options->time_offset.count() / 1000 - ahead_ms;
   return fmt::format(
       "They are stamped {:.1f} s {} the poses of {}. Has {} stopped, or is it another clock? If it "
       "is, and always as far off: time_offset_ms={}",
       std::abs(static_cast<double>(ahead_ms)) / 1000, ahead_ms > 0 ? "after" : "before",
-      pose_channel_, pose_channel_, channel.options->time_offset.count() / 1000 - ahead_ms);
+      pose_channel_, pose_channel_, std::abs(mending_ms) < 100 ? 0 : mending_ms);
 }
 
 MapperCounts Mapper::counts() const {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -63,11 +64,15 @@ class Mapper {
     std::optional<SensorOptions> options;   // known from the first message on
     std::optional<SensorMount> mount;       // newest of its extrinsics_channel
     std::unique_ptr<DriveCollector> drive;  // until the flags were tried on it
-    std::string preset;
+    std::string preset;                     // of options
+    std::optional<MessageType> type;        // of message that options are for
+    std::map<MessageType, std::string> told_presets;
+    std::string sharper_flags;                // if there are any, in words
     std::optional<Utime> newest_utime;        // of its scans, time offset included
     std::optional<Pose2> last_world_T_robot;  // of its last scan mapped
-    int disagreeing_in_a_row = 0;             // scans whose hits lie in free space
-    bool is_lost = false;                     // many scans in a row had no pose
+    int scans_before_flags = 0;
+    int disagreeing_in_a_row = 0;  // scans whose hits lie in free space
+    bool is_lost = false;          // many scans in a row had no pose
   };
 
   void HandleScan(int channel, absl::Span<const uint8_t> message);

@@ -13,6 +13,7 @@ ScanQueue::ScanQueue(ScanQueueOptions options, int num_channels)
 void ScanQueue::AddPose(const TimedPose& pose) {
   if (!poses_.empty() && pose.utime < poses_.newest() - options_.time_jump) {
     ++counts_.time_jumps;
+    counts_.jumped_channel.reset();
     Flush();
   }
   if (!poses_.Add(pose)) ++counts_.drops[DropReason::kDuplicatePose];
@@ -23,6 +24,7 @@ void ScanQueue::AddScan(Scan scan) {
   std::optional<Utime>& newest = newest_scan_[scan.channel];
   if (newest && scan.utime < *newest - options_.time_jump) {
     ++counts_.time_jumps;
+    counts_.jumped_channel = scan.channel;
     Flush();
   }
   const Key key{scan.utime, scan.channel};

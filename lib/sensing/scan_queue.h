@@ -39,7 +39,8 @@ struct PlacedScan {
 // Totals since construction.
 struct ScanQueueCounts {
   DropCounts drops;
-  int64_t time_jumps = 0;  // back, further than time_jump
+  int64_t time_jumps = 0;             // back, further than time_jump
+  std::optional<int> jumped_channel;  // the last to jump: a scan channel, or else the poses
   // By channel: scans without pose since the last one that was placed.
   std::vector<int64_t> without_pose_in_a_row;
 };

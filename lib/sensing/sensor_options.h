@@ -17,7 +17,7 @@ inline constexpr double kMaxSensorDistance_m = 100;
 // Bearings from `from_rad` counter-clockwise over `span_rad`, both ends included.
 struct BearingRange {
   double from_rad = 0;
-  double span_rad = 0;  // (0, 2 pi]
+  double span_rad = 0;  // (0, 2 pi)
 };
 
 // How the messages of one scan channel are to be read. Defaults are the paper's for ranges.

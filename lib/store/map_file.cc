@@ -133,6 +133,26 @@ absl::StatusOr<MapFile> MapFile::Open(const std::string& path) {
   });
 }
 
+absl::Status MapFile::CheckNotInUse(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::exists(path, error)) return absl::OkStatus();
+  return Lock::Take(path).status();
+}
+
+absl::Status MapFile::Rename(const std::string& from, const std::string& to) {
+  std::error_code error;
+  std::unique_ptr<Lock> lock;
+  if (std::filesystem::exists(to, error)) {
+    SPLINEMAP_ASSIGN_OR_RETURN(lock, Lock::Take(to));
+    // What an old map has in files beside it would be taken for the new one's.
+    std::filesystem::remove(to + "-wal", error);
+    std::filesystem::remove(to + "-shm", error);
+  }
+  std::filesystem::rename(from, to, error);
+  if (error) return Unavailable("cannot write {}: {}", to, error.message());
+  return absl::OkStatus();
+}
+
 absl::StatusOr<MapFile> MapFile::OpenReadOnly(const std::string& path) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) {

@@ -28,6 +28,11 @@ class MapFile {
   // Opens for reading a file that exists; another process may be writing to it.
   static absl::StatusOr<MapFile> OpenReadOnly(const std::string& path);
 
+  // FailedPrecondition where another process writes to the file. It need not be a map.
+  static absl::Status CheckNotInUse(const std::string& path);
+  // Gives the closed map `from` the name of `to`, whatever `to` was, unless it is in use.
+  static absl::Status Rename(const std::string& from, const std::string& to);
+
   MapFile(MapFile&&) noexcept;
   MapFile& operator=(MapFile&&) noexcept;
   ~MapFile();

@@ -1,6 +1,9 @@
 #include "lib/wire/lcm_bus.h"
 
+#include <atomic>
 #include <cctype>
+#include <cstdlib>
+#include <exception>
 #include <thread>
 
 #include "lib/base/status.h"
@@ -23,9 +26,16 @@ std::string Literal(const std::string& channel) {
   return escaped;
 }
 
+std::atomic<int64_t> failed_handlers = 0;
+
 void Forward(const lcm::ReceiveBuffer* buffer, const std::string& channel,
              LcmBus::Handler* handler) {
-  (*handler)(channel, {static_cast<const uint8_t*>(buffer->data), buffer->data_size});
+  // An exception would pass through the C code of liblcm, whose next handle() then aborts.
+  try {
+    (*handler)(channel, {static_cast<const uint8_t*>(buffer->data), buffer->data_size});
+  } catch (const std::exception&) {  // out of memory
+    ++failed_handlers;
+  }
 }
 
 }  // namespace
@@ -33,8 +43,11 @@ void Forward(const lcm::ReceiveBuffer* buffer, const std::string& channel,
 absl::StatusOr<std::unique_ptr<LcmBus>> LcmBus::Open(const std::string& url) {
   std::unique_ptr<LcmBus> bus(new LcmBus(url));
   if (!bus->lcm_.good()) {
-    const bool is_udpm = url.empty() || url.starts_with("udpm");
-    return Unavailable("cannot open the LCM bus {}{}", url.empty() ? "(default)" : url,
+    const char* variable = std::getenv("LCM_DEFAULT_URL");
+    const std::string used = !url.empty() || variable == nullptr ? url : variable;
+    const bool is_udpm = used.empty() || used.starts_with("udpm:");
+    return Unavailable("cannot open the LCM bus {}{}{}", used.empty() ? "(LCM's default)" : used,
+                       url.empty() && variable != nullptr ? ", from LCM_DEFAULT_URL" : "",
                        is_udpm ? "; is there a multicast route? Try: sudo ip link set lo multicast "
                                  "on && sudo ip route add 224.0.0.0/4 dev lo"
                                : "");
@@ -53,8 +66,12 @@ void LcmBus::SubscribeTo(const std::string& pattern, Handler handler) {
   lcm::Subscription* subscription =
       lcm_.subscribeFunction(pattern, &Forward, handlers_.back().get());
   subscription->setQueueCapacity(kQueueCapacity);
-  if (handlers_.size() == 1) GuardUdpSockets();  // liblcm opened its socket just now
 }
+
+int64_t LcmBus::FailedHandlers() { return failed_handlers; }
+
+// Also what makes every program with a bus link the guard in udp_sockets.cc.
+int64_t LcmBus::LostDatagrams() { return CountLostDatagrams(); }
 
 LcmBus::Handled LcmBus::Handle(std::chrono::milliseconds timeout) {
   const int result = lcm_.handleTimeout(static_cast<int>(timeout.count()));

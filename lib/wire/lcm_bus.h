@@ -17,7 +17,7 @@ namespace splinemap {
 // One thread calls Subscribe() and Handle(); Publish() is thread-safe.
 class LcmBus {
  public:
-  // Runs in the thread of Handle(); must not throw.
+  // Runs in the thread of Handle(). A message with which it throws is lost, and counted.
   using Handler = std::function<void(const std::string& channel, absl::Span<const uint8_t>)>;
 
   // `url` as LCM takes it; empty for LCM's default. Unavailable with a hint when LCM cannot open
@@ -27,6 +27,12 @@ class LcmBus {
   // Subscribes to exactly this channel, whatever characters it has.
   void Subscribe(const std::string& channel, Handler handler);
   void SubscribeToAll(Handler handler);
+
+  // Messages whose handlers threw, in this process: the memory was full.
+  static int64_t FailedHandlers();
+
+  // As CountLostDatagrams() in udp_sockets.h.
+  static int64_t LostDatagrams();
 
   enum class Handled { kMessage, kNothing, kBroken };
   // Waits for a message and hands it to its handler. kNothing after `timeout` without one; kBroken,

@@ -1,6 +1,7 @@
 #include "lib/wire/udp_sockets.h"
 
 #include <dirent.h>
+#include <dlfcn.h>
 #include <linux/filter.h>
 #include <linux/sock_diag.h>
 #include <sys/socket.h>
@@ -77,6 +78,8 @@ bool Is(int fd, int option, int value) {
   return getsockopt(fd, SOL_SOCKET, option, &actual, &size) == 0 && actual == value;
 }
 
+bool IsUdpSocket(int fd) { return Is(fd, SO_DOMAIN, AF_INET) && Is(fd, SO_TYPE, SOCK_DGRAM); }
+
 // liblcm does not tell its own.
 std::vector<int> UdpSockets() {
   std::vector<int> sockets;
@@ -84,21 +87,13 @@ std::vector<int> UdpSockets() {
   if (fds == nullptr) return sockets;
   while (const dirent* entry = readdir(fds)) {
     const int fd = std::atoi(entry->d_name);  // "." and ".." become 0, which is no UDP socket
-    if (Is(fd, SO_DOMAIN, AF_INET) && Is(fd, SO_TYPE, SOCK_DGRAM)) sockets.push_back(fd);
+    if (IsUdpSocket(fd)) sockets.push_back(fd);
   }
   closedir(fds);
   return sockets;
 }
 
 }  // namespace
-
-void GuardUdpSockets() {
-  std::vector<sock_filter> filter = Filter();
-  const sock_fprog program = {static_cast<unsigned short>(filter.size()), filter.data()};
-  for (const int fd : UdpSockets()) {
-    setsockopt(fd, SOL_SOCKET, SO_ATTACH_FILTER, &program, sizeof(program));
-  }
-}
 
 int64_t CountLostDatagrams() {
   int64_t lost = 0;
@@ -113,3 +108,15 @@ int64_t CountLostDatagrams() {
 }
 
 }  // namespace splinemap
+
+// Stands before the bind() of the C library, also for liblcm, which binds and reads in one go.
+extern "C" int bind(int fd, const sockaddr* address, socklen_t length) noexcept {
+  using Bind = int (*)(int, const sockaddr*, socklen_t);
+  static const auto real_bind = reinterpret_cast<Bind>(dlsym(RTLD_NEXT, "bind"));
+  if (splinemap::IsUdpSocket(fd)) {
+    std::vector<sock_filter> filter = splinemap::Filter();
+    const sock_fprog program = {static_cast<unsigned short>(filter.size()), filter.data()};
+    setsockopt(fd, SOL_SOCKET, SO_ATTACH_FILTER, &program, sizeof(program));
+  }
+  return real_bind(fd, address, length);
+}

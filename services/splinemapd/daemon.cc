@@ -4,11 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <ctime>
 #include <utility>
 
+#include "absl/strings/escaping.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
-#include "lib/wire/udp_sockets.h"
 
 namespace splinemap {
 namespace {
@@ -42,6 +43,13 @@ absl::Status CheckMethod(const config::Method& method, const MapOptions& file, s
       "says otherwise; give another file with --map, or these values",
       path, file.knot_interval_m, file.limits.min / double{kUnitsPerLogOdds},
       file.limits.max / double{kUnitsPerLogOdds});
+}
+
+// Goes on while the computer sleeps, unlike steady_clock.
+std::chrono::nanoseconds TimeSinceBoot() {
+  timespec time{};
+  clock_gettime(CLOCK_BOOTTIME, &time);
+  return std::chrono::seconds(time.tv_sec) + std::chrono::nanoseconds(time.tv_nsec);
 }
 
 }  // namespace
@@ -79,6 +87,9 @@ absl::Status Daemon::OpenMap() {
   mapper_ = std::make_unique<Mapper>(config_, map_->options(), layer);
   spdlog::info("map {}: layer {}, start {}, {} tiles", MapPath(config_), name,
                layer.epoch().incarnation, layer.tiles().size());
+  for (const config::Scan& scan : config_.scan()) {
+    extrinsics_channels_.insert(scan.extrinsics_channel());
+  }
   for (const std::string& channel : mapper_->channels()) {
     silences_.emplace_back(Clock::now());
     std::atomic<int64_t>& heard = heard_.emplace_back(0);
@@ -100,9 +111,7 @@ absl::Status Daemon::LoadMap(const std::string& name) {
     map_ = std::make_unique<Map>(MapOptionsOf(config_.method()));
   } else {
     SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, file_.Load());
-    for (const std::string& damage : loaded.damages) {
-      ReportProblem({.subject = damage, .text = damage});
-    }
+    ReportDamages(loaded.damages);
     const MapOptions& options = loaded.map->options;
     SPLINEMAP_RETURN_IF_ERROR(CheckMethod(config_.method(), options, MapPath(config_)));
     map_ = std::make_unique<Map>(options);
@@ -126,13 +135,21 @@ absl::Status Daemon::LoadMap(const std::string& name) {
   return absl::OkStatus();
 }
 
+void Daemon::ReportDamages(const std::vector<std::string>& damages) {
+  if (damages.empty()) return;
+  constexpr size_t kMaxLines = 5;
+  std::string text = fmt::format("{}: {} damages, of which the next save leaves nothing",
+                                 MapPath(config_), damages.size());
+  for (size_t k = 0; k < std::min(damages.size(), kMaxLines); ++k) text += "; " + damages[k];
+  Report({.subject = "damage", .text = absl::Utf8SafeCHexEscape(text)});
+}
+
 void Daemon::Receive(const std::stop_token& stop) {
   bool is_broken = false;
   while (!stop.stop_requested()) {
     const LcmBus::Handled handled = bus_->Handle(kPatience);
     if (handled == LcmBus::Handled::kBroken && !std::exchange(is_broken, true)) {
-      ReportProblem(
-          {.subject = "bus", .text = "the LCM bus does not work any more; nothing is received"});
+      Report({.subject = "bus", .text = "the LCM bus does not work any more; nothing is received"});
     }
   }
   const auto deadline = Clock::now() + kMaxDrain;
@@ -175,11 +192,7 @@ void Daemon::MapOne(const IngestedMessage& message) {
 
 void Daemon::ShowState() {
   for (const Notice& notice : mapper_->TakeNotices()) {
-    if (notice.is_problem) {
-      ReportProblem(notice);
-    } else {
-      spdlog::info("{}", notice.text);
-    }
+    Report(notice);
   }
   auto snapshot = map_->Snapshot();
   MutexLock lock(mutex_);
@@ -194,14 +207,15 @@ void Daemon::ShowState() {
   scan_times_ = {};
 }
 
-void Daemon::ReportProblem(const Notice& notice) {
+void Daemon::Report(const Notice& notice) {
   std::optional<std::string> text;
   {
     MutexLock lock(mutex_);
-    state_.last_problem = notice.text;
+    if (notice.is_problem) state_.last_problem = notice.text;
     text = limiter_.Say(notice, Clock::now());
   }
-  if (text) spdlog::warn("{}", *text);  // which may wait for a terminal
+  // Outside of the lock: a terminal may keep it waiting.
+  if (text) spdlog::log(notice.is_problem ? spdlog::level::warn : spdlog::level::info, "{}", *text);
 }
 
 void Daemon::Find(Symptom symptom, const std::string& subject, std::string text, int64_t times) {
@@ -209,8 +223,7 @@ void Daemon::Find(Symptom symptom, const std::string& subject, std::string text,
     MutexLock lock(mutex_);
     state_.symptoms[static_cast<int>(symptom)] += times;
   }
-  ReportProblem(
-      {.subject = fmt::format("{} {}", SymptomName(symptom), subject), .text = std::move(text)});
+  Report({.subject = fmt::format("{} {}", SymptomName(symptom), subject), .text = std::move(text)});
 }
 
 void Daemon::SaveNowAndThen(const std::stop_token& stop) {
@@ -224,7 +237,7 @@ void Daemon::SaveNowAndThen(const std::stop_token& stop) {
     if (stop.stop_requested()) return;
     const absl::Status status = Save();
     if (!status.ok()) {
-      ReportProblem({.subject = "save", .text = "the map is not saved: " + ErrorText(status)});
+      Report({.subject = "save", .text = "the map is not saved: " + ErrorText(status)});
     } else if (is_failing) {
       spdlog::info("the map is saved again");
     }
@@ -254,7 +267,7 @@ void Daemon::PublishStatus() {
 }
 
 void Daemon::LookAround() {
-  if (const auto jump = host_clock_.Look(std::chrono::system_clock::now(), Clock::now())) {
+  if (const auto jump = host_clock_.Look(std::chrono::system_clock::now(), TimeSinceBoot())) {
     Find(
         Symptom::kHostClockJump, "",
         fmt::format("the clock of this computer was set {} by {:.1f} s; do all that stamp messages "
@@ -264,11 +277,14 @@ void Daemon::LookAround() {
   const std::vector<std::string>& channels = mapper_->channels();
   for (size_t k = 0; k < channels.size(); ++k) {
     const int64_t messages = heard_[k];
+    if (messages > 0 && extrinsics_channels_.contains(channels[k])) continue;  // one may be enough
     switch (silences_[k].Look(messages, Clock::now())) {
       case SilenceWatch::Change::kNone:
         break;
       case SilenceWatch::Change::kHeardAgain:
-        spdlog::info("{} is heard again", channels[k]);
+        Report({.is_problem = false,
+                .subject = "heard " + channels[k],
+                .text = channels[k] + " is heard again"});
         break;
       case SilenceWatch::Change::kSilent:
         Find(
@@ -285,7 +301,7 @@ void Daemon::LookAround() {
 }
 
 void Daemon::LookForLosses() {
-  const int64_t lost = CountLostDatagrams();
+  const int64_t lost = LcmBus::LostDatagrams();
   if (const int64_t more = lost - std::exchange(lost_datagrams_, lost); more > 0) {
     Find(Symptom::kLostDatagrams, "",
          fmt::format("{} datagrams were lost before splinemapd could take them, of any channel; "
@@ -293,14 +309,16 @@ void Daemon::LookForLosses() {
                      more),
          more);
   }
-  const int64_t dropped = ingest_.dropped();
+  const int64_t dropped = DroppedByOverload();
   if (const int64_t more = dropped - std::exchange(dropped_by_overload_, dropped); more > 0) {
-    ReportProblem({.subject = "overload",
-                   .text = fmt::format("dropped {} {}: {}", more, DropName(DropReason::kOverload),
-                                       DropExplanation(DropReason::kOverload)),
-                   .times = more});
+    Report({.subject = "overload",
+            .text = fmt::format("dropped {} {}: {}", more, DropName(DropReason::kOverload),
+                                DropExplanation(DropReason::kOverload)),
+            .times = more});
   }
 }
+
+int64_t Daemon::DroppedByOverload() const { return ingest_.dropped() + LcmBus::FailedHandlers(); }
 
 status_t Daemon::Status() {
   status_t status;
@@ -319,8 +337,9 @@ status_t Daemon::Status() {
   status.nonce = static_cast<int64_t>(layer.epoch.nonce);
 
   MapperCounts counts = state_.counts;
-  counts.drops[DropReason::kOverload] += ingest_.dropped();
-  status.messages_received = counts.messages_received + ingest_.dropped();
+  const int64_t overload = DroppedByOverload();
+  counts.drops[DropReason::kOverload] += overload;
+  status.messages_received = counts.messages_received + overload;
   status.bytes_received = counts.bytes_received;
   status.scans_received = counts.scans_received;
   status.poses_received = counts.poses_received;

@@ -6,8 +6,10 @@
 #include <deque>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -73,13 +75,15 @@ class Daemon {
   void MapMessages(const std::stop_token& stop);
   void MapOne(const IngestedMessage& message);
   void ShowState();
-  void ReportProblem(const Notice& notice);
+  void Report(const Notice& notice);
+  void ReportDamages(const std::vector<std::string>& damages);
   // A symptom that the daemon sees beside the mapper.
   void Find(Symptom symptom, const std::string& subject, std::string text, int64_t times = 1);
   void LookAround();
   void LookForLosses();
   void SaveNowAndThen(const std::stop_token& stop);
   absl::Status Save();
+  int64_t DroppedByOverload() const;
   status_t Status();
 
   config::Config config_;
@@ -99,6 +103,7 @@ class Daemon {
   // Of the caller's thread.
   HostClockWatch host_clock_;
   std::deque<SilenceWatch> silences_;  // as heard_
+  std::set<std::string> extrinsics_channels_;
   int64_t lost_datagrams_ = 0;
   int64_t dropped_by_overload_ = 0;
 

@@ -11,11 +11,10 @@ class HostClockWatch {
   using Duration = std::chrono::duration<double>;
 
   // How far the system clock was set, forward or back, since the last call; nothing where it was
-  // less than half a second.
+  // less than half a second. `since_boot` counts sleep, too.
   std::optional<Duration> Look(std::chrono::system_clock::time_point system,
-                               std::chrono::steady_clock::time_point steady) {
-    const Duration offset =
-        Duration(system.time_since_epoch()) - Duration(steady.time_since_epoch());
+                               std::chrono::nanoseconds since_boot) {
+    const Duration offset = Duration(system.time_since_epoch()) - Duration(since_boot);
     const Duration jump = last_offset_ ? offset - *last_offset_ : Duration(0);
     last_offset_ = offset;
     constexpr Duration kSlewing(0.5);

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
@@ -31,6 +32,7 @@ class CorpusMaker {
     Messages();
     Tiles();
     MapperPrograms();
+    SurveyPrograms();
     GzippedCarmenLog();
     LcmLogs();
     MapRecordPrograms();
@@ -79,6 +81,15 @@ class CorpusMaker {
     pose.theta = -3;
     WriteMessage("michigan_pose/turned", 0, pose);
 
+    bot_core::rigid_transform_t mount{};
+    mount.utime = utime.count();
+    mount.trans[0] = 0.2;
+    mount.quat[0] = 1;
+    WriteMessage("rigid_transform/level", 0, mount);
+    mount.quat[0] = 0;
+    mount.quat[2] = 1;
+    WriteMessage("rigid_transform/upside_down", 0, mount);
+
     status_t status{};
     status.utime = utime.count();
     status.name = "robot";
@@ -86,6 +97,10 @@ class CorpusMaker {
     status.drop_reasons = {"late_scan", "overload"};
     status.drop_counts = {1, 2};
     WriteMessage("status/two_reasons", 0, status);
+    status.num_problems = 1;
+    status.problems = {"silence"};
+    status.problem_counts = {3};
+    WriteMessage("status/problem", 0, status);
   }
 
   void Tiles() {
@@ -99,35 +114,54 @@ class CorpusMaker {
     Write("tile/random", EncodeTile(RandomTile(random)));
   }
 
-  // Bytes as mapper.cc reads them: channel, kind, step of time, then numbers.
+  using Program = std::vector<uint8_t>;
+
+  static void Add(Program& program, const Program& step) {
+    program.insert(program.end(), step.begin(), step.end());
+  }
+
+  // Steps as mapper.cc and messages.cc read them: whether to flush, channel, kind, step of time,
+  // then numbers.
   void MapperPrograms() {
-    const auto pose = [](uint8_t step, uint8_t x) {
-      return std::vector<uint8_t>{0, 0, step, x, 4, 1};
-    };
+    enum Channel : uint8_t { kPose, kAuto, kBot, kFirst, kLast, kMount };
+    const auto pose = [](uint8_t step, uint8_t x) { return Program{0, kPose, 0, step, x, 4, 1}; };
     const auto scan = [](uint8_t channel, uint8_t step) {
-      return std::vector<uint8_t>{channel, 2, step, 5, 4, 8, 0, 20, 80, 252, 2};
+      return Program{0, channel, 2, step, 5, 4, 8, 0, 20, 80, 252, 2};
     };
     const auto michigan_scan = [](uint8_t channel, uint8_t step) {
-      return std::vector<uint8_t>{channel, 3, step, 3, 4, 0, 0, 8, 1, 1, 12, 2, 1};
+      return Program{0, channel, 3, step, 3, 4, 0, 0, 8, 1, 1, 12, 2, 1};
     };
-    std::vector<uint8_t> program;
-    const auto add = [&](const std::vector<uint8_t>& message) {
-      program.insert(program.end(), message.begin(), message.end());
-    };
+    Program program{0, kMount, 4, 1, 1, 0, 0, 4, 1};
     for (uint8_t k = 0; k < 8; ++k) {
-      add(pose(5, k));
-      add(scan(k % 2 == 0 ? 1 : 2, 2));
-      add(michigan_scan(k % 2 == 0 ? 3 : 4, 3));
+      Add(program, pose(5, k));
+      Add(program, scan(k % 2 == 0 ? kAuto : kBot, 2));
+      Add(program, michigan_scan(k % 2 == 0 ? kFirst : kLast, 3));
     }
-    Write("mapper/drive", program);
-    add(pose(static_cast<uint8_t>(-127), 1));  // time goes back
-    add(pose(static_cast<uint8_t>(-127), 2));
+    Write("mapper/all_channels", program);
+    Add(program, pose(static_cast<uint8_t>(-127), 1));  // time goes back
+    Add(program, pose(static_cast<uint8_t>(-127), 2));
     for (uint8_t k = 0; k < 4; ++k) {
-      add(scan(1, 1));
-      add(pose(2, k));
+      Add(program, scan(kAuto, 1));
+      Add(program, pose(2, k));
     }
-    add({255, 5, 0, 4, 1, 2, 3, 4});  // raw bytes, and a flush
+    Add(program, {255, kPose, 6, 0, 4, 1, 2, 3, 4});  // raw bytes, and a flush
     Write("mapper/rewound", program);
+  }
+
+  // Steps as survey.cc and messages.cc read them: lag, channel, kind, step of time, then numbers;
+  // or a drive: channel, scans, turn.
+  void SurveyPrograms() {
+    enum Channel : uint8_t { kPose, kScan, kOdometry, kRear };
+    Program program{0};
+    constexpr uint8_t kDrive = 0x80;
+    Add(program, {kDrive, kScan, 19, 4});  // 7.6 s, of which 4.6 s are used: 11 scans
+    Add(program, {kDrive, kRear, 19, 4});
+    Write("survey/two_scanners", program);
+    Program odd{0, kDrive, kScan, 139, 4};
+    for (uint8_t k = 0; k < 8; ++k) Add(odd, {k, kOdometry, 1, 200, k, 0, k});
+    Add(odd, {255, 0, 0, 0, 0, 0, 0, 0, 127, kOdometry, 1, 1, 1, 1, 1});  // a log's time of 2^63
+    Add(odd, {1, kRear, 4, 1, 1, 0, 0, 4, 1});
+    Write("survey/two_poses", odd);
   }
 
   void GzippedCarmenLog() {

@@ -5,6 +5,7 @@
 
 #include "lcmtypes/bot_core/planar_lidar_t.hpp"
 #include "lcmtypes/bot_core/pose_t.hpp"
+#include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
@@ -23,6 +24,12 @@ SensorOptions OptionsOf(uint8_t choice) {
   options.time_offset = std::chrono::milliseconds((choice & 16) != 0 ? 10'000 : -10'000);
   options.range_min_m = (choice & 32) != 0 ? 0 : 10;
   options.range_max_m = (choice & 64) != 0 ? 20 : 1000;
+  if ((choice & 128) != 0) {
+    options.masks = {{0, 1}, {-3, 6.28}};
+    options.every_nth_beam = 2;
+    options.no_return_up_to_m = 10;
+    options.mount.is_upside_down = true;
+  }
   return options;
 }
 
@@ -41,6 +48,11 @@ void Run(FuzzInput input) {
   const std::vector<uint8_t> message = MessageOf(input.Rest());
   DecodePose(message).status().IgnoreError();
   DecodeStatus(message).status().IgnoreError();
+  if (const auto mount = DecodeSensorMount(message); mount.ok()) {
+    Require(mount->robot_T_sensor.position_m.norm() <= kMaxSensorDistance_m &&
+                std::isfinite(mount->robot_T_sensor.yaw_rad),
+            "sensors are on the robot");
+  }
   const absl::StatusOr<RangeReadings> readings = DecodeScan(message);
   if (!readings.ok()) return;
   const absl::StatusOr<Scan> scan = PrepareScan(*readings, options, 0);

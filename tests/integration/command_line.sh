@@ -21,7 +21,7 @@ expect_text "--force" err
 expect 0 splinemap simulate room.world again.lcmlog --force
 expect 2 splinemap build room.lcmlog --out /dev/null --force
 expect 2 splinemap build room.lcmlog --out no/such/folder
-expect 2 splinemap doctor room.lcmlog --pose NOPE
+expect 1 splinemap doctor room.lcmlog --pose NOPE
 expect_text "there are: POSE" err
 expect 0 splinemap doctor room.lcmlog
 expect_text "map it with: --scan LASER --pose POSE" out
@@ -61,6 +61,7 @@ expect_text "points.csv:2:" err
 expect 2 splinemap query room.splinemap
 expect 0 splinemap render room.splinemap room.png --px-per-knot 3
 [[ $(head -c 8 room.png | od -An -tx1 | tr -d ' ') == 89504e470d0a1a0a ]] || fail "no PNG"
+expect 2 splinemap render room.splinemap room.splinemap
 expect 0 splinemap render room.splinemap
 expect_text "####" out
 expect 2 splinemap render room.splinemap /dev/null
@@ -143,6 +144,8 @@ expect 0 splinemap doctor two.lcmlog --json  # the poses that are not as sparse
 [[ $(jq '[.trials[].scans_compared] | unique | length' out) == 1 ]] || fail "the same scans: $(cat out)"
 expect 2 splinemap doctor
 expect 2 splinemap doctor two.lcmlog --live
+expect 2 splinemap doctor two.lcmlog --scan LASER,mask=foo
+expect 2 splinemap build two.lcmlog --out x.splinemap --scan --pose
 expect 1 splinemap doctor --live --seconds 0.2 --lcm-url memq://
 expect_text "nothing came" err
 

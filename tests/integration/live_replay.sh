@@ -61,7 +61,7 @@ kill -INT "$logger"
 wait "$logger" || true
 kill "$daemon"
 wait "$daemon" || fail "the daemon: $(cat daemon.log)"
-expect 0 splinemap doctor recorded.lcmlog --json --scan A --pose B
+expect 1 splinemap doctor recorded.lcmlog --json --scan A --pose B  # lists, and proposes nothing
 [[ $(jq -r '.channels[] | select(.name == "SPLINEMAP_STATUS") | .type' out) == splinemap.status_t ]] ||
   fail "recorded: $(cat out)"
 

@@ -9,6 +9,7 @@ work=$(mktemp -d)
 clean_up() {
   local job
   for job in $(jobs -p); do kill "$job" 2> /dev/null || true; done
+  wait 2> /dev/null || true  # they may be writing
   rm -rf "$work"
 }
 trap clean_up EXIT

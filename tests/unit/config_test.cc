@@ -109,13 +109,14 @@ TEST(ScanFlagTest, IsWrittenAsItIsRead) {
 }
 
 TEST(CheckConfigTest, MasksAreRangesOfDegrees) {
-  for (const char* mask : {"", "10", "10..", "10..10", "a..b", "0..400", "nan..10", "1..2..3"}) {
+  for (const char* mask :
+       {"", "10", "10..", "10..10", "a..b", "0..400", "nan..10", "1..2..3", "-180..180"}) {
     config::Config config;
     config.set_pose("POSE");
     config.add_scan()->set_channel("LIDAR");
     config.mutable_scan(0)->add_mask(mask);
     EXPECT_FALSE(CheckConfig(config).ok()) << mask;
-    config.mutable_scan(0)->set_mask(0, "-180..180");
+    config.mutable_scan(0)->set_mask(0, "-180..179");
     EXPECT_TRUE(CheckConfig(config).ok());
   }
 }

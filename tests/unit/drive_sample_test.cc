@@ -49,6 +49,28 @@ TEST(DriveCollectorTest, ScansOfAnotherClockAreBroughtToThePoses) {
   EXPECT_TRUE(collector.full());
 }
 
+TEST(DriveCollectorTest, LatePosesAndScansOfTheFutureCostLittle) {
+  DriveCollector collector(5, 30);
+  collector.AddScan(ReadingsAt(std::chrono::hours(50)), Utime(0));
+  for (int n = 0; n < 200'000; ++n) {
+    collector.AddPose({milliseconds(1'000'000 + 10 * n - (n % 3) * 5000), {{0.001 * n, 0}, 0}});
+    if (n % 10 == 0) collector.AddScan(ReadingsAt(milliseconds(1'000'000 + 10 * n)), Utime(0));
+  }
+  EXPECT_TRUE(collector.full());
+}
+
+TEST(SampleOfTest, TakesScansOfNewPlacesUpToTheNumber) {
+  std::vector<RangeReadings> scans{ReadingsAt(std::chrono::hours(50))};
+  PoseBuffer poses(std::chrono::years(300));
+  for (int n = 0; n < 200; ++n) {
+    poses.Add({milliseconds(100 * n), {{0.05 * n, 0}, 0.1 * n}});
+    scans.push_back(ReadingsAt(milliseconds(100 * n)));
+  }
+  const DriveSample sample = SampleOf(scans, poses, Utime(0), 50);
+  EXPECT_EQ(sample.scans.size(), 50u);
+  EXPECT_NEAR(sample.turned_rad, 4.9, 1e-6);
+}
+
 TEST(HasPosesAroundTest, WantsAMarginAndNoGap) {
   PoseBuffer poses(std::chrono::hours(1));
   for (int n = 0; n <= 50; ++n) poses.Add({milliseconds(100 * n), {}});

@@ -57,6 +57,19 @@ TEST(FlagSearchTest, LateStampsAndASlowSensorAreFound) {
   EXPECT_EQ(proposal->options.scan_duration, milliseconds(100));
 }
 
+TEST(FlagSearchTest, StampsBeyondTheSearchAreSaidToBe) {
+  const auto proposal = SearchFlags(Drive({.stamp_late_s = 1.4}), SensorOptions());
+  ASSERT_TRUE(proposal);
+  EXPECT_TRUE(proposal->is_time_beyond);
+  EXPECT_FALSE(SearchFlags(Drive({.stamp_late_s = 0.5}), SensorOptions())->is_time_beyond);
+}
+
+TEST(FlagSearchTest, ScansWithoutHitsTellNothing) {
+  SensorOptions options;
+  options.range_min_m = 9;
+  EXPECT_FALSE(SearchFlags(Drive({}), options));
+}
+
 TEST(FlagSearchTest, BeamTimesThatHelpAreFound) {
   const auto proposal = SearchFlags(Drive({.duration_s = 0.37, .beam_times = true}), {});
   ASSERT_TRUE(proposal);

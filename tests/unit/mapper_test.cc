@@ -228,9 +228,9 @@ TEST_F(MapperTest, ALocalisationThatJumpsIsSaid) {
                            Encode(PlanarLidarMessage(std::chrono::milliseconds(ms),
                                                      std::vector<float>(180, 2), 0, M_PI / 90)));
   };
-  for (int n = 0; n < 100; ++n) scan(100 * n, 0);
+  for (int n = 0; n < 300; ++n) scan(100 * n, 0);
   EXPECT_EQ(Symptoms(Symptom::kMapDisagrees), 0);
-  for (int n = 100; n < 125; ++n) scan(100 * n, 0.7);
+  for (int n = 300; n < 325; ++n) scan(100 * n, 0.7);
   EXPECT_GE(Symptoms(Symptom::kMapDisagrees), 1);
 }
 
@@ -259,6 +259,22 @@ TEST_F(MapperTest, ALocalisationThatFallsSilentIsSaidEachTime) {
     ms += 100;
   }
   EXPECT_EQ(mapper_->counts().scans_mapped, 2);
+}
+
+TEST_F(MapperTest, AForeignScanDoesNotChooseThePresetOfTheOthers) {
+  Configure("LASER");
+  michigan::lidar_t lidar;
+  lidar.utime = 100'000;
+  lidar.num_ranges = 2;
+  lidar.ranges = {2, 2};
+  lidar.thetas = {0, 0};
+  lidar.times = {100'000, 100'000};
+  lidar.intensities = {0, 0};
+  mapper_->HandleMessage("LASER", Encode(lidar));
+  Pose(0);
+  Pose(1000);
+  ScanLeft(500);
+  EXPECT_GT(At(0, 2), 0.5) << "bot_core, and not michigan_2017";
 }
 
 TEST_F(MapperTest, APresetIsToldFromTheFirstScanWithBeams) {
@@ -291,6 +307,22 @@ TEST_F(MapperTest, AFullMapDropsScansAndKeepsWhatItHas) {
   EXPECT_LT(layer_.tiles().size(), 520u);
   const MapperCounts counts = mapper_->counts();
   EXPECT_EQ(counts.drops[DropReason::kMapFull] + counts.scans_mapped, 1000);
+}
+
+TEST_F(MapperTest, ATimeJumpNamesItsChannel) {
+  Configure("LASER:bot_core");
+  Pose(100'000);
+  ScanLeft(100'000);
+  mapper_->TakeNotices();
+  ScanLeft(10'000);
+  std::vector<Notice> notices = mapper_->TakeNotices();
+  ASSERT_EQ(notices.size(), 1u);
+  EXPECT_EQ(notices[0].text.substr(0, 6), "LASER:") << notices[0].text;
+  Pose(200'000);
+  Pose(20'000);
+  notices = mapper_->TakeNotices();
+  ASSERT_FALSE(notices.empty());
+  EXPECT_EQ(notices[0].text.substr(0, 5), "POSE:") << notices[0].text;
 }
 
 TEST_F(MapperTest, FlushMapsWhatTheOrderHeldBack) {

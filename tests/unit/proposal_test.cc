@@ -85,6 +85,43 @@ TEST_F(ProposalTest, PosesOfAnotherClockAreBroughtToTheScans) {
   EXPECT_EQ(remarks[0], "ODOMETRY: stamped by another clock, 1000000.0 s ahead of that of LIDAR");
 }
 
+TEST_F(ProposalTest, AClockThatIsNonsenseIsNotMadeAnOption) {
+  for (const Utime received : {Utime::min(), Utime::max()}) {
+    Survey survey;
+    survey.Add(received, "LASER", Encode(PlanarLidarMessage(Utime(0), {1, 2}, 0, 1)));
+    survey.Add(Utime(0), "POSE", Encode(PoseMessage({})));
+    const auto proposal = Propose(survey, {});
+    ASSERT_TRUE(proposal.ok()) << proposal.status();
+    EXPECT_EQ(proposal->scan_flags, std::vector<std::string>{"LASER"});
+  }
+}
+
+TEST_F(ProposalTest, SingleOddStampsDoNotMakeAnotherClock) {
+  Drive({.sign = -1, .duration_s = 0.15, .beam_times = true});
+  Add("SLAM", seconds(170), Encode(PoseMessage({seconds(400'000), {}})));
+  RangeReadings readings;
+  readings.utime = seconds(4000);
+  Add("LIDAR", seconds(170), Encode(LidarMessage(readings)));
+  survey_.Add(Utime(1LL << 62), "SLAM", Encode(PoseMessage({seconds(171), {}})));
+  const auto proposal = Propose(survey_, {});
+  ASSERT_TRUE(proposal.ok()) << proposal.status();
+  EXPECT_EQ(proposal->pose, "SLAM");
+  EXPECT_EQ(proposal->scan_flags, std::vector<std::string>{"LIDAR"});
+}
+
+TEST_F(ProposalTest, PosesOfAFewSecondsDoNotWinByHavingFewScans) {
+  DriveInRoom(
+      {.sign = -1, .duration_s = 0.15, .beam_times = true}, 1,
+      [&](const TimedPose& pose) {
+        Add("SLAM", pose.utime, Encode(PoseMessage(pose)));
+        if (pose.utime < seconds(106)) Add("SHORT", pose.utime, Encode(PoseMessage(pose)));
+      },
+      [&](const RangeReadings& scan) { Add("LIDAR", scan.utime, Encode(LidarMessage(scan))); });
+  const auto proposal = Propose(survey_, {});
+  ASSERT_TRUE(proposal.ok()) << proposal.status();
+  EXPECT_EQ(proposal->pose, "SLAM");
+}
+
 TEST_F(ProposalTest, ARobotThatDoesNotTurnLeavesTheChoiceToItsMaster) {
   Drive({.beam_times = true}, Utime(0), 0);
   const auto open = Propose(survey_, {});
@@ -132,7 +169,6 @@ TEST_F(ProposalTest, OddThingsAreRemarkedOn) {
       << all;
   EXPECT_NE(all.find("SLAM: 1 of 3003 messages repeat the time"), std::string::npos) << all;
   EXPECT_NE(all.find("SLAM: a gap of 10.0 s"), std::string::npos) << all;
-  EXPECT_NE(all.find("SLAM: arrived up to 30.0 s later"), std::string::npos) << all;
   EXPECT_NE(all.find("LIDAR: its beam times are all the same"), std::string::npos) << all;
 }
 
