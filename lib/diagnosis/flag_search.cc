@@ -14,14 +14,12 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-constexpr size_t kMinScans = 10;
 constexpr double kMinTurn_rad = 30 * std::numbers::pi / 180;
 
 constexpr Utime kMaxTriedOffset = seconds(1);
 // So near to it, the best of the tried offsets is the edge and no optimum.
 constexpr Utime kEdge = milliseconds(150);
 
-constexpr double kClearlySharper = 0.8;
 constexpr double kSharper = 0.95;
 
 bool HasBeamTimes(const DriveSample& sample) {
@@ -162,7 +160,7 @@ SampleSpread SpreadOf(const DriveSample& sample, const SensorOptions& options) {
 }
 
 std::optional<FlagProposal> SearchFlags(const DriveSample& sample, const SensorOptions& given) {
-  if (sample.scans.size() < kMinScans || sample.turned_rad < kMinTurn_rad) return std::nullopt;
+  if (sample.scans.size() < kMinDriveScans || sample.turned_rad < kMinTurn_rad) return std::nullopt;
   const SampleSpread as_given = SpreadOf(sample, given);
   if (as_given.hits == 0) return std::nullopt;
   FlagProposal proposal;

@@ -18,6 +18,11 @@ struct SampleSpread {
 };
 SampleSpread SpreadOf(const DriveSample& sample, const SensorOptions& options);
 
+// Of fewer scans nothing is told.
+inline constexpr size_t kMinDriveScans = 10;
+// A spread below this share of another's is no accident.
+inline constexpr double kClearlySharper = 0.8;
+
 // The options under which a drive gives the sharpest map.
 struct FlagProposal {
   SensorOptions options;

@@ -9,7 +9,6 @@ namespace splinemap {
 namespace {
 
 constexpr size_t kSampleScans = 200;
-constexpr size_t kMinScans = 10;
 // Time stamps of one clock differ by less, on the way to the log: wireless links take their time.
 constexpr double kOtherClock_s = 0.5;
 // Further apart, one of them is nonsense; options take no such offset.
@@ -82,7 +81,7 @@ class Trials {
     std::vector<RangeReadings> scans = largest->scans;
     const double turned_rad = largest->turned_rad;
     // Poses of less than half of the drive are no choice.
-    const size_t enough = std::max(kMinScans, largest->scans.size() / 2);
+    const size_t enough = std::max(kMinDriveScans, largest->scans.size() / 2);
     const auto is_usable = [&](const DriveSample& s) { return s.scans.size() >= enough; };
     for (size_t k = 0; k < samples.size(); ++k) {
       if (!is_usable(samples[k])) continue;
@@ -91,9 +90,10 @@ class Trials {
       });
     }
     for (DriveSample& sample : samples) {
-      const bool takes_part = scans.size() < kMinScans ? &sample == &*largest : is_usable(sample);
+      const bool takes_part =
+          scans.size() < kMinDriveScans ? &sample == &*largest : is_usable(sample);
       if (!takes_part) sample.scans.clear();
-      if (!takes_part || scans.size() < kMinScans) continue;
+      if (!takes_part || scans.size() < kMinDriveScans) continue;
       sample.scans = scans;
       sample.turned_rad = turned_rad;
     }

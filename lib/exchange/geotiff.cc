@@ -59,7 +59,7 @@ void DeclareTags(TIFF* tiff) {
       field(kGeoKeyDirectory, TIFF_SHORT, "GeoKeyDirectory"),
       field(kGdalMetadata, TIFF_ASCII, "GDAL_METADATA"),
       field(kGdalNoData, TIFF_ASCII, "GDAL_NODATA")};
-  TIFFMergeFieldInfo(tiff, fields.data(), fields.size());
+  TIFFMergeFieldInfo(tiff, fields.data(), static_cast<uint32_t>(fields.size()));
 }
 
 bool SetLayout(TIFF* tiff, const PixelGrid& grid) {
@@ -83,9 +83,9 @@ bool SetPlace(TIFF* tiff, const PixelGrid& grid) {
                                          1024, 0, 1, kUserDefined,  // model: a local frame
                                          1025, 0, 1, 1,             // a pixel is an area
                                          3076, 0, 1, 9001};         // linear unit: metre
-  return TIFFSetField(tiff, kModelPixelScale, scale.size(), scale.data()) &&
-         TIFFSetField(tiff, kModelTiepoint, tiepoint.size(), tiepoint.data()) &&
-         TIFFSetField(tiff, kGeoKeyDirectory, keys.size(), keys.data()) &&
+  return TIFFSetField(tiff, kModelPixelScale, static_cast<int>(scale.size()), scale.data()) &&
+         TIFFSetField(tiff, kModelTiepoint, static_cast<int>(tiepoint.size()), tiepoint.data()) &&
+         TIFFSetField(tiff, kGeoKeyDirectory, static_cast<int>(keys.size()), keys.data()) &&
          TIFFSetField(tiff, kGdalNoData, "nan") &&
          TIFFSetField(tiff, kGdalMetadata,
                       "<GDALMetadata><Item name=\"DESCRIPTION\" sample=\"0\" role=\"description\">"

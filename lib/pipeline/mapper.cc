@@ -25,8 +25,6 @@ constexpr size_t kDriveScans = 40;
 constexpr size_t kDriveBeams = 90;
 // A robot that hardly moves in so many scans gives nothing to try them on.
 constexpr int kScansBeforeFlags = 300;
-// Other flags are suggested where they gain at least this.
-constexpr double kClearlySharper = 0.8;
 // Time stamps so far apart are not those of one clock.
 constexpr int64_t kOtherClock_ms = 1000;
 

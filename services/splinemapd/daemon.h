@@ -91,7 +91,7 @@ class Daemon {
   std::unique_ptr<LcmBus> bus_;
   IngestQueue ingest_;
 
-  // Of the mapping thread alone, once it runs.
+  // Of the mapping thread alone, once it runs, but for mapper_->channels(), which do not change.
   std::unique_ptr<Map> map_;
   size_t own_layer_ = 0;  // index in map_->layers() and in snapshots
   std::unique_ptr<Mapper> mapper_;

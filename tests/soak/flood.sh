@@ -63,6 +63,15 @@ lcm-logplayer "$log" > player.log &
 player=$!
 flood --seconds "$seconds" --rate "$rate" > flood.json 2> flood.err &
 flood=$!
+# Daemons that start within the flood: liblcm reads from the moment that its socket is bound.
+printf 'channel_prefix: "SECOND"\n' > second.textproto
+for _ in {1..3}; do
+  splinemapd --config second.textproto --map second.splinemap "${inputs[@]}" 2> second.log &
+  second=$!
+  await splinemap watch --prefix SECOND --once --timeout 2
+  kill "$second"
+  wait "$second" || fail "a daemon that started within the flood: $(cat second.log)"
+done
 while kill -0 "$flood" 2> /dev/null; do
   sleep 1
   memory_kb >> memory
