@@ -216,7 +216,9 @@ MapOptions MapOptionsOf(const config::Method& method) {
 }
 
 BeamModelOptions BeamModelOptionsOf(const config::Method& method) {
-  return {method.kappa_hit(), method.kappa_free(), method.free_sample_spacing_knots()};
+  return {.kappa_hit = method.kappa_hit(),
+          .kappa_free = method.kappa_free(),
+          .free_sample_spacing_knots = method.free_sample_spacing_knots()};
 }
 
 ScanQueueOptions ScanQueueOptionsOf(const config::Timing& timing) {

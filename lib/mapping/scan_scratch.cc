@@ -31,15 +31,16 @@ std::array<int32_t, Tile::kSize>& ScanScratch::SumsOf(TileKey key) {
   return tiles_[last_].sums;
 }
 
-void ScanScratch::CommitTo(Layer& layer, ControlLimits limits) {
+void ScanScratch::CommitTo(Layer& layer, ControlLimits limits, ControlLimits scan_limits) {
   layer.BeginCommit();
   for (size_t n = 0; n < index_.size(); ++n) {
     const Sums& scan = tiles_[n];
     if (!AnyRoundsToNonzero(scan.sums)) continue;
     Tile& tile = layer.EditTile(scan.key);
     for (int k = 0; k < Tile::kSize; ++k) {
-      const int32_t change = Round(scan.sums[k]);
-      if (change == 0) continue;
+      const int32_t sum = Round(scan.sums[k]);
+      if (sum == 0) continue;
+      const int32_t change = std::clamp<int32_t>(sum, scan_limits.min, scan_limits.max);
       tile.control_points[k] = ClampTouched(tile.control_points[k] + change, limits);
     }
   }

@@ -26,9 +26,10 @@ class ScanScratch {
   // The sum of control point (i, j). The reference is valid until the next call.
   int32_t& At(int32_t i, int32_t j) { return SumsOf(TileOf(i, j))[IndexInTile(i, j)]; }
 
-  // Adds all sums to the layer as one commit, each rounded once, the results clamped (36), and
-  // clears the scratch. A control point whose sum rounds to 0 is left as it was.
-  void CommitTo(Layer& layer, ControlLimits limits);
+  // Adds all sums to the layer as one commit, each rounded once and kept within `scan_limits`, the
+  // results clamped to `limits` (36), and clears the scratch. A control point whose sum rounds to 0
+  // is left as it was.
+  void CommitTo(Layer& layer, ControlLimits limits, ControlLimits scan_limits = {});
 
  private:
   struct Sums {

@@ -62,6 +62,14 @@ bool HaveUsefulBeamTimes(const RangeReadings& readings) {
          *greatest <= readings.utime + kMaxBeamTimeOffset && *greatest - *least >= milliseconds(10);
 }
 
+PlacedBeam Place(const Beam& beam, const Pose2& world_T_sensor) {
+  const double bearing_world_rad = world_T_sensor.yaw_rad + double{beam.bearing_rad};
+  return {world_T_sensor.position_m,
+          {std::cos(bearing_world_rad), std::sin(bearing_world_rad)},
+          double{beam.range_m},
+          beam.hit};
+}
+
 absl::StatusOr<Scan> PrepareScan(const RangeReadings& readings, const SensorOptions& options,
                                  int channel) {
   const size_t count = readings.ranges_m.size();

@@ -48,6 +48,8 @@ struct PlacedBeam {
   bool hit = true;
 };
 
+PlacedBeam Place(const Beam& beam, const Pose2& world_T_sensor);
+
 // Most beams of one scan. With it the sums of one scan cannot overflow; see ScanScratch.
 inline constexpr int kMaxBeams = 16384;
 

@@ -117,11 +117,7 @@ void ScanQueue::Place(const Scan& scan) {
       world_T_sensor = Interpolate(bracket, utime) * scan.robot_T_sensor;
       pose_time = utime;
     }
-    const double bearing_world_rad = world_T_sensor.yaw_rad + double{beam.bearing_rad};
-    placed.beams.push_back({world_T_sensor.position_m,
-                            {std::cos(bearing_world_rad), std::sin(bearing_world_rad)},
-                            double{beam.range_m},
-                            beam.hit});
+    placed.beams.push_back(splinemap::Place(beam, world_T_sensor));
   }
   // first_beam <= 0 <= last_beam: poses are on both sides of the scan's own time, too.
   placed.world_T_robot = Interpolate(*poses_.Find(scan.utime), scan.utime);

@@ -7,11 +7,10 @@
 #include <unordered_map>
 #include <vector>
 
-#include "lib/logs/carmen_log.h"
 #include "lib/map/map.h"
 #include "lib/mapping/beam_model.h"
-#include "lib/sensing/scan_queue.h"
 #include "lib/spline/basis.h"
+#include "tests/support/recorded_drive.h"
 #include "tests/support/shared_data.h"
 
 namespace splinemap {
@@ -60,30 +59,17 @@ class PaperMap {
   std::unordered_map<int64_t, double> control_points_;
 };
 
-std::vector<PlacedBeam> Place(const CarmenScan& carmen) {
-  RangeReadings readings;
-  readings.ranges_m = carmen.ranges_m;
-  for (size_t k = 0; k < carmen.ranges_m.size(); ++k) {
-    readings.bearings_rad.push_back(static_cast<float>(
-        carmen.first_bearing_rad + static_cast<double>(k) * carmen.bearing_step_rad));
-  }
-  ScanQueue queue({}, 1);
-  queue.AddPose({Utime(0), carmen.world_T_laser});
-  queue.AddScan(*PrepareScan(readings, {}, 0));
-  return queue.Next()->beams;
-}
-
 TEST(PaperReferenceTest, TheSurfaceOfIntelDiffersByLessThanFiveHundredthsRms) {
   const auto path = SharedData("carmen/intel-corrected.log.gz");
   if (!path) GTEST_SKIP() << "the shared data folder with recorded drives is not there";
-  const auto log = ReadCarmenLog(*path, [](double) {});
-  ASSERT_TRUE(log.ok()) << log.status();
+  const auto drive = ReadRecordedDrive(*path, {});
+  ASSERT_TRUE(drive.ok()) << drive.status();
   PaperMap paper;
   Map map({kKnot, {}});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   const BeamModel model({}, kKnot);
   ScanScratch scratch;
-  for (const CarmenScan& scan : log->scans) {
+  for (const RecordedScan& scan : *drive) {
     const std::vector<PlacedBeam> beams = Place(scan);
     for (const PlacedBeam& beam : beams) paper.Add(beam);
     model.Accumulate(beams, scratch);

@@ -111,7 +111,9 @@ TEST(BeamModelTest, TheOrderOfBeamsDoesNotMatter) {
 
 // The bound that ScanScratch states: the most beams with the strongest options through one point.
 TEST(BeamModelTest, TheHeaviestScanDoesNotOverflow) {
-  const BeamModelOptions strongest{kMaxKappaHit, kMinKappaFree, kMinFreeSampleSpacingKnots};
+  const BeamModelOptions strongest{.kappa_hit = kMaxKappaHit,
+                                   .kappa_free = kMinKappaFree,
+                                   .free_sample_spacing_knots = kMinFreeSampleSpacingKnots};
   const std::vector<PlacedBeam> hits(kMaxBeams, Beam(0.01, 0, 0, 0.04));  // no free sample
   EXPECT_GT(MapOf(hits, strongest)->Evaluate(0.05, 0).log_odds, 99);
   const std::vector<PlacedBeam> free(kMaxBeams, Beam(0, 0, 0.6, 1, false));

@@ -1,0 +1,34 @@
+#include "tests/support/recorded_drive.h"
+
+#include "lib/base/status.h"
+#include "lib/logs/carmen_log.h"
+
+namespace splinemap {
+
+absl::StatusOr<std::vector<RecordedScan>> ReadRecordedDrive(const std::string& path,
+                                                            const SensorOptions& options) {
+  SPLINEMAP_ASSIGN_OR_RETURN(CarmenLog log, ReadCarmenLog(path, [](double) {}));
+  std::vector<RecordedScan> drive;
+  for (CarmenScan& carmen : log.scans) {
+    RangeReadings readings;
+    for (size_t k = 0; k < carmen.ranges_m.size(); ++k) {
+      readings.bearings_rad.push_back(static_cast<float>(
+          carmen.first_bearing_rad + static_cast<double>(k) * carmen.bearing_step_rad));
+    }
+    readings.ranges_m = std::move(carmen.ranges_m);
+    SPLINEMAP_ASSIGN_OR_RETURN(Scan scan, PrepareScan(readings, options, 0));
+    drive.push_back({std::move(scan), carmen.world_T_laser});
+  }
+  return drive;
+}
+
+std::vector<PlacedBeam> Place(const RecordedScan& recorded) {
+  std::vector<PlacedBeam> beams;
+  beams.reserve(recorded.scan.beams.size());
+  for (const Beam& beam : recorded.scan.beams) {
+    beams.push_back(Place(beam, recorded.world_T_sensor));
+  }
+  return beams;
+}
+
+}  // namespace splinemap
