@@ -4,6 +4,7 @@
 #include <optional>
 #include <vector>
 
+#include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_split.h"
 #include "clients/splinemap/commands.h"
@@ -53,6 +54,17 @@ std::vector<std::string> Extensions(const Flags& flags, RosMode mode) {
   return {".tif"};
 }
 
+// `base` without the one of `extensions` that it ends in, which a user may have typed.
+std::string WithoutExtension(std::string base, const std::vector<std::string>& extensions) {
+  for (const std::string& extension : extensions) {
+    if (absl::EndsWithIgnoreCase(base, extension)) {
+      base.resize(base.size() - extension.size());
+      break;
+    }
+  }
+  return base;
+}
+
 // `files` are those of Extensions().
 absl::Status Write(const Flags& flags, RosMode mode, const MapSnapshot& map, const PixelGrid& grid,
                    std::vector<NewFile>& files) {
@@ -76,12 +88,14 @@ absl::StatusOr<int> Export(const Flags& flags) {
   }
   const RosMode mode = ParseMode(flags.mode);
   SPLINEMAP_ASSIGN_OR_RETURN(const std::optional<Region> region, ParseRegion(flags.region));
-  if (std::filesystem::path(flags.base).filename().empty()) {
-    return InvalidArgument("BASE is {}: a folder; add the name of the files", flags.base);
+  const std::vector<std::string> extensions = Extensions(flags, mode);
+  const std::string base = WithoutExtension(flags.base, extensions);
+  if (std::filesystem::path(base).filename().empty()) {
+    return InvalidArgument("BASE is {}: add the name of the files", flags.base);
   }
   std::vector<std::string> paths;
-  for (const std::string& extension : Extensions(flags, mode)) {
-    paths.push_back(flags.base + extension);
+  for (const std::string& extension : extensions) {
+    paths.push_back(base + extension);
     SPLINEMAP_RETURN_IF_ERROR(CheckOutput(paths.back(), flags.force));
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
@@ -127,7 +141,7 @@ void AddExport(CLI::App& app, Command& chosen) {
   CLI::App* command = app.add_subcommand("export", "Write a map for ROS, as PNG, CSV or GeoTIFF");
   command->footer(kExamples);
   command->add_option("MAP", flags->map, "Map file")->required();
-  command->add_option("BASE", flags->base, "Files to write, without their extension")->required();
+  command->add_option("BASE", flags->base, "Files to write; their extension is added")->required();
   command->add_option("--format", flags->format, "ros, png, csv or geotiff")
       ->required()
       ->check(CLI::IsMember({"ros", "png", "csv", "geotiff"}));

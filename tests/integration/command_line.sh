@@ -93,6 +93,14 @@ tail -n +2 table.csv | cut -d, -f 1,2 > points.csv
 expect 0 splinemap query room.splinemap --points points.csv
 cmp <(cut -d, -f 1-4,7 out) <(tail -n +2 table.csv) || fail "export and query differ"
 expect 0 splinemap export room.splinemap room --format geotiff
+# An extension that was typed is not added again.
+for typed in png/a.png png/b.pgw csv/c.csv geotiff/d.TIF ros/e.yaml ros/f.pgm; do
+  expect 0 splinemap export room.splinemap "folder/${typed#*/}" --format "${typed%/*}"
+done
+[[ $(cd folder && echo [a-f].*) == "a.pgw a.png b.pgw b.png c.csv d.tif e.pgm e.yaml f.pgm f.yaml" ]] ||
+  fail "extensions: $(ls folder)"
+grep -qx "image: e.pgm" folder/e.yaml || fail "image in $(cat folder/e.yaml)"
+expect 2 splinemap export room.splinemap folder/.png --format png
 [[ $(head -c 4 room.tif | od -An -tx1 | tr -d ' ') == 49492a00 ]] || fail "no TIFF"
 for hostile in 0,0,1 0,0,1,1,1 a,0,1,1 nan,0,1,1 0,0,inf,1 1,0,0,1 0,0,0,1 -1e9,0,1,1 '0,0,1,1 2'; do
   expect 2 splinemap export room.splinemap x --format csv --region "$hostile"
