@@ -5,6 +5,7 @@
 #include "absl/cleanup/cleanup.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/progress.h"
+#include "lib/base/file.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/config/flags.h"
@@ -41,10 +42,13 @@ void Report(const MapperCounts& counts, const MapSnapshot& map, const std::strin
 
 // A save is whole or not at all, and so is the file: it gets its name when it is complete.
 absl::Status SaveAs(const MapSnapshot& map, const std::string& out) {
-  const std::string part = out + ".part";
-  std::error_code error;
-  const absl::Cleanup remove_part = [&] { std::filesystem::remove(part, error); };
-  std::filesystem::remove(part, error);
+  const std::string part = TemporaryPathFor(out);
+  const absl::Cleanup remove_part = [&] {
+    std::error_code error;
+    for (const char* beside : {"", "-wal", "-shm", "-journal"}) {
+      std::filesystem::remove(part + beside, error);
+    }
+  };
   {
     SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(part));
     SPLINEMAP_RETURN_IF_ERROR(file.Save(map));

@@ -7,6 +7,7 @@
 #include <memory>
 #include <utility>
 
+#include "lib/base/random.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -33,13 +34,21 @@ absl::StatusOr<std::string> ReadFile(const std::string& path) {
   return content;
 }
 
+std::string TemporaryPathFor(const std::string& path) {
+  return fmt::format("{}.{:016x}.part", path, RandomId());
+}
+
+NewFile::NewFile(std::string path)
+    : path_(std::move(path)),
+      temporary_path_(TemporaryPathFor(path_)),
+      stream_(std::fopen(temporary_path_.c_str(), "wbx")) {}
+
 absl::StatusOr<NewFile> NewFile::Create(std::string path) {
   std::error_code ignored;
   if (std::filesystem::exists(path, ignored) && !std::filesystem::is_regular_file(path, ignored)) {
     return InvalidArgument("cannot write {}: it is no ordinary file", path);
   }
-  NewFile file(std::move(path), nullptr);
-  file.stream_.reset(std::fopen(file.temporary_path().c_str(), "wb"));
+  NewFile file(std::move(path));
   if (!file.stream_) return file.Failure();
   return file;
 }

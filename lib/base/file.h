@@ -13,6 +13,9 @@ namespace splinemap {
 // The whole content of a file. Errors name the path and the system's reason.
 absl::StatusOr<std::string> ReadFile(const std::string& path);
 
+// A name beside `path` that nobody else uses, for a file in the making: `path`.RANDOM.part.
+std::string TemporaryPathFor(const std::string& path);
+
 // A file in the making, under a temporary name beside its own. A reader sees the old content until
 // Commit() and the whole new content afterwards; without a Commit() nothing is left behind, unless
 // the process is killed. Errors name the path and the system's reason. Thread-compatible.
@@ -26,7 +29,7 @@ class NewFile {
 
   const std::string& path() const { return path_; }
   // For libraries that write by themselves.
-  std::string temporary_path() const { return path_ + ".part"; }
+  const std::string& temporary_path() const { return temporary_path_; }
   std::FILE* stream() { return stream_.get(); }
 
   absl::Status Write(std::string_view content);
@@ -38,10 +41,11 @@ class NewFile {
     void operator()(std::FILE* file) const { std::fclose(file); }
   };
 
-  NewFile(std::string path, std::FILE* stream) : path_(std::move(path)), stream_(stream) {}
+  explicit NewFile(std::string path);
   absl::Status Failure() const;
 
   std::string path_;
+  std::string temporary_path_;
   std::unique_ptr<std::FILE, Closer> stream_;  // null after Commit()
 };
 

@@ -31,6 +31,13 @@ expect_text "mapped" err
 expect 2 splinemap build room.lcmlog --out room.splinemap
 expect_text "--force" err
 expect 0 splinemap build --scan LASER room.lcmlog --pose POSE --out room.splinemap --name robot --force
+# What another build of the same map has in the making is left alone.
+echo another > twin.splinemap.part
+mkdir twin.splinemap.part-wal
+expect 0 splinemap build room.lcmlog --out twin.splinemap
+[[ $(echo twin.*) == "twin.splinemap twin.splinemap.part twin.splinemap.part-wal" &&
+  $(< twin.splinemap.part) == another ]] || fail "files beside a build: $(echo twin.*)"
+rm -r twin.*
 expect 2 splinemap build room.lcmlog --out x.splinemap --name 'no/name'
 expect 2 splinemap build room.lcmlog --out x.splinemap --scan LASER:nonsense
 expect_text "michigan_2014" err

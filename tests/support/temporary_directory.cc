@@ -16,4 +16,9 @@ TemporaryDirectory::~TemporaryDirectory() {
   std::filesystem::remove_all(path_, ignored);
 }
 
+int TemporaryDirectory::CountFiles() const {
+  using Iterator = std::filesystem::directory_iterator;
+  return static_cast<int>(std::distance(begin(Iterator(path_)), end(Iterator())));
+}
+
 }  // namespace splinemap

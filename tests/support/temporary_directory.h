@@ -14,6 +14,7 @@ class TemporaryDirectory {
 
   const std::string& path() const { return path_; }
   std::string File(const std::string& name) const { return path_ + "/" + name; }
+  int CountFiles() const;
 
  private:
   std::string path_;

@@ -4,16 +4,11 @@
 
 #include <filesystem>
 
+#include "tests/support/full_disk.h"
 #include "tests/support/temporary_directory.h"
 
 namespace splinemap {
 namespace {
-
-int CountFiles(const std::string& folder) {
-  int files = 0;
-  for ([[maybe_unused]] const auto& entry : std::filesystem::directory_iterator(folder)) ++files;
-  return files;
-}
 
 TEST(NewFileTest, TheOldContentStaysUntilTheCommit) {
   const TemporaryDirectory directory;
@@ -25,7 +20,7 @@ TEST(NewFileTest, TheOldContentStaysUntilTheCommit) {
   EXPECT_EQ(*ReadFile(path), "old");
   ASSERT_TRUE(file->Commit().ok());
   EXPECT_EQ(*ReadFile(path), "new");
-  EXPECT_EQ(CountFiles(directory.path()), 1);
+  EXPECT_EQ(directory.CountFiles(), 1);
 }
 
 TEST(NewFileTest, WithoutACommitNothingIsLeftBehind) {
@@ -34,9 +29,9 @@ TEST(NewFileTest, WithoutACommitNothingIsLeftBehind) {
     auto file = NewFile::Create(directory.File("map"));
     ASSERT_TRUE(file->Write("half").ok());
     const NewFile moved = *std::move(file);
-    EXPECT_EQ(CountFiles(directory.path()), 1);
+    EXPECT_EQ(directory.CountFiles(), 1);
   }
-  EXPECT_EQ(CountFiles(directory.path()), 0);
+  EXPECT_EQ(directory.CountFiles(), 0);
 }
 
 TEST(NewFileTest, FoldersAndDevicesAreNotReplaced) {
@@ -45,7 +40,21 @@ TEST(NewFileTest, FoldersAndDevicesAreNotReplaced) {
   EXPECT_TRUE(absl::IsInvalidArgument(WriteFile(directory.path(), "text")));
   std::filesystem::create_symlink("/dev/null", directory.File("device"));
   EXPECT_TRUE(absl::IsInvalidArgument(WriteFile(directory.File("device"), "text")));
-  EXPECT_EQ(CountFiles(directory.path()), 1);
+  EXPECT_EQ(directory.CountFiles(), 1);
+}
+
+TEST(NewFileTest, TwoWritersOfOneFileDoNotMix) {
+  const TemporaryDirectory directory;
+  const std::string path = directory.File("map");
+  auto first = NewFile::Create(path);
+  auto second = NewFile::Create(path);
+  ASSERT_TRUE(first.ok() && second.ok());
+  ASSERT_TRUE(first->Write("of the first").ok() && second->Write("second").ok());
+  ASSERT_TRUE(first->Commit().ok());
+  EXPECT_EQ(*ReadFile(path), "of the first");
+  ASSERT_TRUE(second->Commit().ok());
+  EXPECT_EQ(*ReadFile(path), "second");
+  EXPECT_EQ(directory.CountFiles(), 1);
 }
 
 TEST(NewFileTest, AFailedCommitLeavesNothing) {
@@ -54,19 +63,19 @@ TEST(NewFileTest, AFailedCommitLeavesNothing) {
   ASSERT_TRUE(file.ok());
   ASSERT_TRUE(std::filesystem::create_directory(directory.File("map")));  // in its way
   EXPECT_TRUE(absl::IsUnavailable(file->Commit()));
-  EXPECT_EQ(CountFiles(directory.path()), 1);
+  EXPECT_EQ(directory.CountFiles(), 1);
 }
 
 TEST(NewFileTest, AFullDiskIsNoticedAtTheLatestByTheCommit) {
   const TemporaryDirectory directory;
-  std::filesystem::create_symlink("/dev/full", directory.File("map.part"));
   auto file = NewFile::Create(directory.File("map"));
   ASSERT_TRUE(file.ok());
   ASSERT_TRUE(file->Write("few bytes wait in the buffer").ok());
+  const FullDisk full_disk;
   const absl::Status status = file->Commit();
   EXPECT_TRUE(absl::IsUnavailable(status));
-  EXPECT_NE(status.message().find("No space left"), absl::string_view::npos);
-  EXPECT_EQ(CountFiles(directory.path()), 0);
+  EXPECT_NE(status.message().find("File too large"), absl::string_view::npos) << status;
+  EXPECT_EQ(directory.CountFiles(), 0);
 }
 
 }  // namespace
