@@ -211,7 +211,7 @@ std::vector<std::string> Remarks(const Survey& survey) {
              channel.repeated, channel.messages);
     }
     if (channel.stepped_back > 0) {
-      remark("message time steps back {} times; a step of a second or more begins anew",
+      remark("message time steps back {} times; two in a row by a second or more begin anew",
              channel.stepped_back);
     }
     if (channel.longest_gap_s > kLongGap_s) {

@@ -2,31 +2,115 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace splinemap {
+namespace {
+
+template <typename Message>
+std::optional<Utime> UtimeOf(const std::optional<Message>& message) {
+  return message ? std::optional(message->utime) : std::nullopt;
+}
+
+}  // namespace
 
 ScanQueue::ScanQueue(ScanQueueOptions options, int num_channels)
-    : options_(options), poses_(options.pose_history), newest_scan_(num_channels) {
+    : options_(options),
+      poses_(options.pose_history),
+      newest_scan_(num_channels),
+      held_scans_(num_channels) {
   counts_.without_pose_in_a_row.resize(num_channels);
 }
 
 void ScanQueue::AddPose(const TimedPose& pose) {
-  if (!poses_.empty() && pose.utime < poses_.newest() - options_.time_jump) {
-    ++counts_.time_jumps;
-    counts_.jumped_channel.reset();
-    Flush();
+  const Step step = StepOf(poses_.empty() ? std::nullopt : std::optional(poses_.newest()),
+                           UtimeOf(held_pose_), pose.utime);
+  if (step == Step::kRewound) BeginAnew(std::nullopt);
+  DropHeldPose();
+  if (step == Step::kBack) {
+    held_pose_ = pose;
+  } else {
+    TakePose(pose);
   }
+}
+
+void ScanQueue::AddScan(Scan scan) {
+  const int channel = scan.channel;
+  std::optional<Scan>& held = held_scans_[channel];
+  const Step step = StepOf(newest_scan_[channel], UtimeOf(held), scan.utime);
+  if (step == Step::kRewound) BeginAnew(channel);
+  DropHeldScan(channel);
+  if (step == Step::kBack) {
+    held = std::move(scan);
+  } else {
+    TakeScan(std::move(scan));
+  }
+}
+
+void ScanQueue::Flush() {
+  DropHeld();
+  Drain(true);
+  poses_.Clear();
+  last_placed_.reset();
+  std::fill(newest_scan_.begin(), newest_scan_.end(), std::nullopt);
+}
+
+size_t ScanQueue::size() const {
+  return waiting_.size() + std::count_if(held_scans_.begin(), held_scans_.end(),
+                                         [](const auto& held) { return held.has_value(); });
+}
+
+std::optional<PlacedScan> ScanQueue::Next() {
+  if (ready_.empty()) return std::nullopt;
+  PlacedScan scan = std::move(ready_.front());
+  ready_.pop_front();
+  return scan;
+}
+
+ScanQueue::Step ScanQueue::StepOf(std::optional<Utime> newest, std::optional<Utime> held,
+                                  Utime utime) const {
+  if (!newest || utime >= *newest - options_.time_jump) return Step::kOn;
+  // The same message twice is no second one.
+  const bool goes_on_from_held = held && utime != *held && utime >= *held - options_.time_jump;
+  return goes_on_from_held ? Step::kRewound : Step::kBack;
+}
+
+// What was held is of the new time.
+void ScanQueue::BeginAnew(std::optional<int> jumped_channel) {
+  ++counts_.time_jumps;
+  counts_.jumped_channel = jumped_channel;
+  const std::optional<TimedPose> pose = std::exchange(held_pose_, std::nullopt);
+  std::vector<std::optional<Scan>> scans(held_scans_.size());
+  std::swap(scans, held_scans_);
+  Flush();
+  if (pose) TakePose(*pose);
+  for (std::optional<Scan>& scan : scans) {
+    if (scan) TakeScan(*std::move(scan));
+  }
+}
+
+void ScanQueue::DropHeld() {
+  DropHeldPose();
+  for (size_t k = 0; k < held_scans_.size(); ++k) DropHeldScan(static_cast<int>(k));
+}
+
+void ScanQueue::DropHeldPose() {
+  if (held_pose_) ++counts_.drops[DropReason::kDuplicatePose];
+  held_pose_.reset();
+}
+
+void ScanQueue::DropHeldScan(int channel) {
+  if (held_scans_[channel]) ++counts_.drops[DropReason::kLateScan];
+  held_scans_[channel].reset();
+}
+
+void ScanQueue::TakePose(const TimedPose& pose) {
   if (!poses_.Add(pose)) ++counts_.drops[DropReason::kDuplicatePose];
   Drain(false);
 }
 
-void ScanQueue::AddScan(Scan scan) {
+void ScanQueue::TakeScan(Scan scan) {
   std::optional<Utime>& newest = newest_scan_[scan.channel];
-  if (newest && scan.utime < *newest - options_.time_jump) {
-    ++counts_.time_jumps;
-    counts_.jumped_channel = scan.channel;
-    Flush();
-  }
   const Key key{scan.utime, scan.channel};
   if (newest == scan.utime || waiting_.contains(key)) {
     ++counts_.drops[DropReason::kDuplicateScan];
@@ -49,20 +133,6 @@ void ScanQueue::AddScan(Scan scan) {
     ++counts_.drops[DropReason::kScanQueueFull];
     DropOldest();
   }
-}
-
-void ScanQueue::Flush() {
-  Drain(true);
-  poses_.Clear();
-  last_placed_.reset();
-  std::fill(newest_scan_.begin(), newest_scan_.end(), std::nullopt);
-}
-
-std::optional<PlacedScan> ScanQueue::Next() {
-  if (ready_.empty()) return std::nullopt;
-  PlacedScan scan = std::move(ready_.front());
-  ready_.pop_front();
-  return scan;
 }
 
 ScanQueue::Fate ScanQueue::Judge(const Scan& scan) const {

@@ -24,7 +24,8 @@ struct ScanQueueOptions {
   Utime max_order_wait = std::chrono::milliseconds(200);
   // Poses are kept this long.
   Utime pose_history = std::chrono::seconds(10);
-  // A channel that steps back by more than this has jumped: a log was rewound.
+  // A channel that steps back by more than this, in two messages in a row, has jumped: a log was
+  // rewound.
   Utime time_jump = std::chrono::seconds(1);
 };
 
@@ -50,7 +51,8 @@ struct ScanQueueCounts {
 //
 // A scan comes out when poses bracket all its beams and every scan channel has reached its time (or
 // max_order_wait passed). When a channel jumps back in time, what can be placed comes out, the rest
-// is dropped, and time begins anew. Memory is bounded. Thread-compatible.
+// is dropped, and time begins anew. A single message with a stamp of long ago is no jump, and is
+// dropped. Memory is bounded. Thread-compatible.
 class ScanQueue {
  public:
   ScanQueue(ScanQueueOptions options, int num_channels);
@@ -64,7 +66,7 @@ class ScanQueue {
   // The next scan in order, or nothing until more messages come.
   std::optional<PlacedScan> Next();
 
-  size_t size() const { return waiting_.size(); }
+  size_t size() const;
   const ScanQueueCounts& counts() const { return counts_; }
 
   static constexpr size_t kMaxScans = 10'000;
@@ -72,6 +74,16 @@ class ScanQueue {
 
  private:
   using Key = std::pair<Utime, int>;  // utime, channel
+
+  // How the time of a message compares with those of its channel before.
+  enum class Step { kOn, kBack, kRewound };
+  Step StepOf(std::optional<Utime> newest, std::optional<Utime> held, Utime utime) const;
+  void BeginAnew(std::optional<int> jumped_channel);
+  void DropHeld();
+  void DropHeldPose();
+  void DropHeldScan(int channel);
+  void TakePose(const TimedPose& pose);
+  void TakeScan(Scan scan);
 
   enum class Fate { kWait, kPlace, kNoPose };
   Fate Judge(const Scan& scan) const;
@@ -86,6 +98,10 @@ class ScanQueue {
   std::map<Key, Scan> waiting_;
   size_t beams_waiting_ = 0;
   std::vector<std::optional<Utime>> newest_scan_;  // by channel
+  // Stepped back by more than time_jump; the next message of the channel tells whether that is the
+  // new time or a stamp gone wrong.
+  std::optional<TimedPose> held_pose_;
+  std::vector<std::optional<Scan>> held_scans_;  // by channel
   std::optional<Key> last_placed_;
   std::deque<PlacedScan> ready_;
   ScanQueueCounts counts_;

@@ -315,11 +315,14 @@ TEST_F(MapperTest, ATimeJumpNamesItsChannel) {
   ScanLeft(100'000);
   mapper_->TakeNotices();
   ScanLeft(10'000);
+  EXPECT_TRUE(mapper_->TakeNotices().empty()) << "it may be a stray stamp";
+  ScanLeft(10'100);
   std::vector<Notice> notices = mapper_->TakeNotices();
   ASSERT_EQ(notices.size(), 1u);
   EXPECT_EQ(notices[0].text.substr(0, 6), "LASER:") << notices[0].text;
   Pose(200'000);
   Pose(20'000);
+  Pose(20'100);
   notices = mapper_->TakeNotices();
   ASSERT_FALSE(notices.empty());
   EXPECT_EQ(notices[0].text.substr(0, 5), "POSE:") << notices[0].text;

@@ -147,8 +147,14 @@ Bytes Damaged(Random& random, Bytes bytes) {
   return bytes;
 }
 
+// In all types, the time follows on the fingerprint.
+Bytes StampedLongAgo(Bytes bytes) {
+  if (bytes.size() >= 16) std::fill(bytes.begin() + 8, bytes.begin() + 16, uint8_t{0});
+  return bytes;
+}
+
 // A log in which everything happens: messages out of order, repeated, damaged, on the wrong
-// channel, stamped far ahead; and time jumps back.
+// channel, stamped far ahead and long ago; and time jumps back.
 Log SomeLog(Random& random) {
   Log log;
   for (size_t passes = 1 + Index(random, 3); passes > 0; --passes) {
@@ -159,7 +165,7 @@ Log SomeLog(Random& random) {
   }
   for (size_t n = log.size() / 20; n > 0; --n) {
     const size_t k = Index(random, log.size() - 40);
-    switch (Index(random, 5)) {
+    switch (Index(random, 6)) {
       case 0:
         std::swap(log[k], log[k + Index(random, 40)]);
         break;
@@ -171,6 +177,9 @@ Log SomeLog(Random& random) {
         break;
       case 3:
         log[k].channel = log[k + 1].channel;
+        break;
+      case 4:
+        if (Chance(random, 0.3)) log[k].bytes = StampedLongAgo(log[k].bytes);
         break;
       default:
         if (Chance(random, 0.1)) log[k].bytes[10] = 1;  // 2^40 us: twelve days ahead
@@ -331,6 +340,22 @@ TEST(ReplayPropertyTest, TheInterleavingOfChannelsDoesNotMatter) {
     scans += expected.scans;
   }
   EXPECT_GT(scans, 15'000u);
+}
+
+TEST(ReplayPropertyTest, StampsOfLongAgoChangeNothingElse) {
+  for (int seed = 0; seed < 100; ++seed) {
+    Random random(seed);
+    DropCounts drops;
+    Log log = Interleave(SomeDrive(random, 10'000, 14'000), {300, 300}, random);
+    const Mapped expected = MapOf(log, drops);
+    for (int n = 0; n < 20; ++n) {
+      const size_t k = Index(random, log.size());
+      // Behind a message of its channel: what comes first sets the time.
+      log.insert(log.begin() + static_cast<int64_t>(k) + 1,
+                 {log[k].channel, StampedLongAgo(log[k].bytes)});
+    }
+    EXPECT_TRUE(MapOf(log, drops) == expected) << "seed " << seed;
+  }
 }
 
 TEST(ReplayPropertyTest, BeyondTheWaitsItDoes) {

@@ -246,7 +246,57 @@ TEST_F(ScanQueueTest, OneStampFarInTheFutureCostsAMomentAndNotTheMap) {
     Pose(ms);
     ScanAt(ms + 50);
   }
-  EXPECT_GE(placed_.size(), 95u);
+  EXPECT_GE(placed_.size(), 94u);
+}
+
+TEST_F(ScanQueueTest, OneStampOfLongAgoCostsThatMessageAlone) {
+  for (int ms = 20'000; ms <= 30'000; ms += 100) {
+    Pose(ms);
+    if (ms == 25'000) ScanAt(1000);
+    if (ms == 27'000) Pose(1000);
+    if (ms == 28'000) Pose(26'500);  // though poses are kept as long
+    ScanAt(ms + 50);
+  }
+  EXPECT_EQ(placed_.size(), 100u);  // the last scan has no later pose yet
+  EXPECT_EQ(queue_.size(), 1u);
+  EXPECT_EQ(queue_.counts().time_jumps, 0);
+  EXPECT_EQ(Dropped(DropReason::kLateScan), 1);
+  EXPECT_EQ(Dropped(DropReason::kDuplicatePose), 2);
+  EXPECT_EQ(queue_.counts().drops.Total(), 3);
+}
+
+TEST_F(ScanQueueTest, AStampOfLongAgoThatComesTwiceIsNoJumpEither) {
+  Pose(20'000);
+  ScanAt(20'050);
+  for (int n = 0; n < 3; ++n) ScanAt(1000);
+  EXPECT_EQ(queue_.size(), 2u) << "one waits, one is held";
+  Pose(20'100);
+  ScanAt(20'150);
+  EXPECT_EQ(Placed(), (Expected{{20'050, 0}}));
+  EXPECT_EQ(queue_.counts().time_jumps, 0);
+  EXPECT_EQ(Dropped(DropReason::kLateScan), 3);
+}
+
+TEST_F(ScanQueueTest, TwoSendersInTwoClocksLeaveTheLaterOne) {
+  for (int ms = 20'000; ms <= 21'000; ms += 100) {
+    Pose(ms);
+    ScanAt(ms + 50);
+    ScanAt(ms - 15'000);
+  }
+  EXPECT_EQ(placed_.size(), 10u);
+  EXPECT_EQ(queue_.counts().time_jumps, 0);
+}
+
+TEST_F(ScanQueueTest, WhatIsHeldAtTheEndIsDropped) {
+  Pose(20'000);
+  ScanAt(20'000);
+  ScanAt(1000);
+  Pose(1000);
+  Flush();
+  EXPECT_EQ(Placed(), (Expected{{20'000, 0}}));
+  EXPECT_EQ(queue_.size(), 0u);
+  EXPECT_EQ(Dropped(DropReason::kLateScan), 1);
+  EXPECT_EQ(Dropped(DropReason::kDuplicatePose), 1);
 }
 
 TEST_F(ScanQueueTest, MemoryIsBoundedWithoutPoses) {
