@@ -10,6 +10,8 @@
 #include <sstream>
 #include <vector>
 
+#include "absl/strings/str_split.h"
+#include "lib/base/did_you_mean.h"
 #include "lib/base/status.h"
 #include "lib/config/field_rules.pb.h"
 
@@ -21,6 +23,22 @@ using google::protobuf::Message;
 using google::protobuf::Reflection;
 using google::protobuf::TextFormat;
 
+std::vector<std::string> FieldNames(const google::protobuf::Descriptor& type) {
+  std::vector<std::string> names;
+  for (int k = 0; k < type.field_count(); ++k) names.push_back(type.field(k)->name());
+  return names;
+}
+
+// Of a message of Protobuf's parser about a field that does not exist: Message type "TYPE" has no
+// field named "NAME".
+std::string DidYouMeanField(const std::string& message) {
+  const std::vector<std::string> parts = absl::StrSplit(message, '"');
+  if (parts.size() < 4 || parts[2] != " has no field named ") return "";
+  const auto* type =
+      google::protobuf::DescriptorPool::generated_pool()->FindMessageTypeByName(parts[1]);
+  return type == nullptr ? "" : DidYouMean(parts[3], FieldNames(*type));
+}
+
 class ErrorList : public google::protobuf::io::ErrorCollector {
  public:
   explicit ErrorList(std::string source) : source_(std::move(source)) {}
@@ -30,6 +48,7 @@ class ErrorList : public google::protobuf::io::ErrorCollector {
     if (!text_.empty()) text_ += '\n';
     text_ += line < 0 ? fmt::format("{}: {}", source_, message)
                       : fmt::format("{}:{}:{}: {}", source_, line + 1, column + 1, message);
+    text_ += DidYouMeanField(message);
   }
 
   absl::Status ToStatus() const {
@@ -217,9 +236,9 @@ absl::Status SetCheckedField(const std::string& name, const std::string& value, 
   const auto& descriptor = *message->GetDescriptor();
   const FieldDescriptor* field = descriptor.FindFieldByName(name);
   if (field == nullptr) {
-    std::vector<std::string> names;
-    for (int k = 0; k < descriptor.field_count(); ++k) names.push_back(descriptor.field(k)->name());
-    return InvalidArgument("no option {}; there are {}", name, fmt::join(names, ", "));
+    const std::vector<std::string> names = FieldNames(descriptor);
+    return InvalidArgument("no option {}{}; there are {}", name, DidYouMean(name, names),
+                           fmt::join(names, ", "));
   }
   if (!field->is_repeated()) message->GetReflection()->ClearField(message, field);
   const bool is_text = field->cpp_type() == FieldDescriptor::CPPTYPE_STRING;

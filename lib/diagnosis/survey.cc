@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "lib/base/did_you_mean.h"
 #include "lib/base/status.h"
 #include "lib/diagnosis/drive_sample.h"
 #include "lib/logs/lcm_log.h"
@@ -46,7 +47,8 @@ absl::Status CheckChannel(const Survey& survey, const std::string& name,
     if (channel.name == name && fits) return absl::OkStatus();
     if (fits) names.push_back(channel.name);
   }
-  return InvalidArgument("{} is no channel of {}; there are: {}", name, kind,
+  return InvalidArgument("{} is no channel of {}{}; there are: {}", name, kind,
+                         DidYouMean(name, names),
                          names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", ")));
 }
 

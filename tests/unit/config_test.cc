@@ -21,6 +21,9 @@ std::string ErrorOf(const std::string& text) {
 TEST(CheckedTextTest, ErrorsNameLineAndColumn) {
   EXPECT_EQ(ErrorOf("name: \"a\"\npose: 3\n").substr(0, 9), "file:2:7:");
   EXPECT_EQ(ErrorOf("name: \"a\"\n  nmae: \"b\"\n").substr(0, 7), "file:2:");
+  EXPECT_EQ(ErrorOf("scan {\n  bearing_sing: 1\n}"),
+            "file:2:15: Message type \"splinemap.config.Scan\" has no field named "
+            "\"bearing_sing\". (did you mean bearing_sign?)");
   EXPECT_EQ(ErrorOf("method {\n  knot_interval_m: 0\n}"),
             "file:2:3: knot_interval_m is 0, allowed: 0.005 .. 10");
 }
@@ -73,6 +76,7 @@ TEST(ScanFlagTest, WrongFlagsSayWhatIsWrong) {
   };
   EXPECT_NE(error("LIDAR:michigan").find("michigan_2014"), std::string::npos);
   EXPECT_NE(error("LIDAR:x=1").find("x_m"), std::string::npos);
+  EXPECT_NE(error("LIDAR:yaw=1").find("(did you mean yaw_deg?)"), std::string::npos);
   EXPECT_NE(error("LIDAR:x_m=far"), "");
   EXPECT_NE(error("LIDAR:x_m=1e9"), "");
   EXPECT_NE(error("LIDAR:bot_core,mbot_2024"), "");

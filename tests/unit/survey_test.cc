@@ -100,6 +100,9 @@ TEST(SurveyTest, ChannelsAreChosenWhereThereIsNoChoice) {
   EXPECT_NE(std::string(status.message()).find("--pose ODOMETRY"), std::string::npos) << status;
   config.set_pose("LASER");
   EXPECT_FALSE(ChooseChannels(survey, config).ok()) << "of another type";
+  config.set_pose("ODOMETER");
+  EXPECT_EQ(ChooseChannels(survey, config).message(),
+            "ODOMETER is no channel of poses (did you mean ODOMETRY?); there are: ODOMETRY, POSE");
 }
 
 }  // namespace
