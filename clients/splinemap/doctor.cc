@@ -87,6 +87,8 @@ void PrintJson(const Survey& survey, const absl::StatusOr<Proposal>& proposal,
     json["scans"] = proposal->scans;
     json["scan_flags"] = proposal->scan_flags;
     json["chosen_flags"] = FlagsOf(*proposal, given);
+    json["cautions"] = proposal->cautions;
+    if (!proposal->problem.empty()) json["problem"] = proposal->problem;
     json["trials"] = nlohmann::json::array();
     for (const FlagTrial& trial : proposal->trials) json["trials"].push_back(ToJson(trial));
   } else {
@@ -135,7 +137,7 @@ std::string Quoted(const std::string& word) {
 }
 
 void PrintFlags(const Proposal& proposal) {
-  fmt::print("\nmap it with:");
+  fmt::print("\n{}:", proposal.problem.empty() ? "map it with" : "search on with");
   for (const std::string& flag : proposal.scan_flags) fmt::print(" --scan {}", Quoted(flag));
   fmt::print(" --pose {}\n", Quoted(proposal.pose));
   for (const std::string& channel : proposal.scans) {
@@ -194,12 +196,16 @@ absl::StatusOr<int> Doctor(const Flags& flags) {
   const absl::StatusOr<Proposal> proposal = Propose(survey, given);
   if (flags.json) {
     PrintJson(survey, proposal, given);
-    return damage.empty() && proposal.ok() ? kSuccess : kFailed;
+    return damage.empty() && proposal.ok() && proposal->problem.empty() ? kSuccess : kFailed;
   }
   PrintChannels(survey);
   if (!proposal.ok()) return Unavailable("{}", ErrorText(proposal.status()));
   PrintTrials(*proposal);
+  for (const std::string& caution : proposal->cautions) {
+    fmt::print("{}\n", absl::Utf8SafeCHexEscape(caution));
+  }
   PrintFlags(*proposal);
+  if (!proposal->problem.empty()) return Unavailable("{}", proposal->problem);
   return damage.empty() ? kSuccess : kFailed;
 }
 

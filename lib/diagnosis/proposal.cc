@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "lib/base/status.h"
 
@@ -38,11 +39,20 @@ std::string PresetOf(const Survey& survey, const config::Scan& scan) {
   return told.empty() ? "bot_core" : told;
 }
 
+// As the mapper reads the channel, with the transform that came on its extrinsics_channel.
+SensorOptions OptionsOf(const Survey& survey, const config::Scan& scan) {
+  SensorOptions options = SensorOptionsOf(scan, PresetOf(survey, scan));
+  if (scan.has_extrinsics_channel()) {
+    options.mount = survey.MountOf(scan.extrinsics_channel()).value_or(options.mount);
+  }
+  return options;
+}
+
 // The flags of one scan channel, tried with each pose channel.
 class Trials {
  public:
   Trials(const Survey& survey, const config::Scan& scan, const std::vector<std::string>& poses)
-      : survey_(survey), given_(SensorOptionsOf(scan, PresetOf(survey, scan))) {
+      : survey_(survey), given_(OptionsOf(survey, scan)) {
     for (const std::string& pose : poses) {
       trials_.push_back({.scan = scan.channel(),
                          .pose = pose,
@@ -115,7 +125,7 @@ const FlagTrial* Sharpest(const std::vector<FlagTrial>& trials, const std::strin
 
 std::string FlagFor(const Survey& survey, const config::Scan& scan, const FlagTrial* trial) {
   const std::string preset = PresetOf(survey, scan);
-  SensorOptions options = SensorOptionsOf(scan, preset);
+  SensorOptions options = OptionsOf(survey, scan);
   if (trial != nullptr) {
     options.time_offset += trial->clock_offset;
     if (trial->flags) options = trial->flags->options;
@@ -127,6 +137,53 @@ std::string FlagFor(const Survey& survey, const config::Scan& scan, const FlagTr
   // The channel is enough where the preset is told, and nothing beside it is needed.
   if (ScanFlagOf(proposed) == ScanFlagOf(alone)) proposed.clear_preset();
   return ScanFlagOf(proposed);
+}
+
+void CautionOnExtrinsics(const Survey& survey, const config::Scan& scan, const FlagTrial* trial,
+                         std::vector<std::string>& cautions) {
+  if (!scan.has_extrinsics_channel()) return;
+  const std::optional<SensorMount> mount = survey.MountOf(scan.extrinsics_channel());
+  if (!mount) {
+    cautions.push_back(
+        fmt::format("{}: no transform (bot_core.rigid_transform_t) came on {}; until one does, "
+                    "scans are dropped",
+                    scan.channel(), scan.extrinsics_channel()));
+  } else if (trial != nullptr && trial->flags) {
+    const double turned_rad = WrapAngle(trial->flags->options.mount.robot_T_sensor.yaw_rad -
+                                        mount->robot_T_sensor.yaw_rad);
+    if (std::abs(turned_rad) < 0.1) return;
+    cautions.push_back(fmt::format(
+        "{}: the map is sharper with the sensor turned by {:.0f} degrees from what the "
+        "transform on {} says; correct it there",
+        scan.channel(), turned_rad * 180 / std::numbers::pi, scan.extrinsics_channel()));
+  }
+}
+
+// Says so where another pose channel does nearly as well as the one that is chosen, or where there
+// are few scans to tell them apart.
+void CautionOnChoice(const std::vector<FlagTrial>& trials, const FlagTrial& chosen,
+                     std::vector<std::string>& cautions) {
+  constexpr size_t kFewScans = 30;
+  const FlagTrial* second = nullptr;
+  for (const FlagTrial& trial : trials) {
+    if (trial.scan != chosen.scan || trial.pose == chosen.pose || !trial.flags) continue;
+    if (second == nullptr || trial.flags->spread < second->flags->spread) second = &trial;
+  }
+  if (second == nullptr) return;
+  const bool is_clear = chosen.flags->spread < kClearlySharper * second->flags->spread;
+  if (is_clear && chosen.scans >= kFewScans) return;
+  cautions.push_back(fmt::format(
+      "a close call: of {} scans, {} makes {:.0f} cells and {} {:.0f}; compare the maps of both, "
+      "or "
+      "take a longer drive",
+      chosen.scans, chosen.pose, chosen.flags->spread, second->pose, second->flags->spread));
+}
+
+std::string ProblemOf(const FlagTrial& trial) {
+  return fmt::format(
+      "{}: its scans and the poses of {} seem to be more than a second apart: the map gets sharper "
+      "up to the last time offset that was tried; search on from there",
+      trial.scan, trial.pose);
 }
 
 void RemarkOnClocks(const Survey& survey, std::vector<std::string>& remarks) {
@@ -189,9 +246,14 @@ absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& giv
         proposal.trials.begin(), proposal.trials.end(), [&](const FlagTrial& candidate) {
           return candidate.scan == scan.channel() && candidate.pose == proposal.pose;
         });
-    proposal.scan_flags.push_back(
-        FlagFor(survey, scan, trial == proposal.trials.end() ? nullptr : &*trial));
+    const FlagTrial* const found = trial == proposal.trials.end() ? nullptr : &*trial;
+    proposal.scan_flags.push_back(FlagFor(survey, scan, found));
+    CautionOnExtrinsics(survey, scan, found, proposal.cautions);
+    if (found != nullptr && found->flags && found->flags->is_time_beyond) {
+      proposal.problem = ProblemOf(*found);
+    }
   }
+  if (sharpest != nullptr) CautionOnChoice(proposal.trials, *sharpest, proposal.cautions);
   return proposal;
 }
 

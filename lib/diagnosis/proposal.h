@@ -27,6 +27,10 @@ struct Proposal {
   std::vector<std::string> scans;       // channels
   std::vector<std::string> scan_flags;  // for each, what to give to --scan
   std::vector<FlagTrial> trials;
+  std::vector<std::string> cautions;  // what speaks against it, a sentence each
+  // Why the flags are not to be mapped with yet, or empty: the right time offset lies beyond those
+  // that were tried. A search that begins with these flags goes on from there.
+  std::string problem;
 };
 
 // Chooses the pose channel with which the map gets sharpest, and the flags of each scan channel,

@@ -128,7 +128,8 @@ absl::StatusOr<Utime> Survey::Look(Sighting& sighting, absl::Span<const uint8_t>
     SPLINEMAP_ASSIGN_OR_RETURN(const status_t status, DecodeStatus(message));
     return Utime(status.utime);
   }
-  SPLINEMAP_RETURN_IF_ERROR(DecodeSensorMount(message).status());
+  SPLINEMAP_ASSIGN_OR_RETURN(const SensorMount mount, DecodeSensorMount(message));
+  if (!sighting.mount) sighting.mount = mount;
   return UtimeOf(message);
 }
 
@@ -164,6 +165,11 @@ const PoseBuffer& Survey::PosesOf(const std::string& channel) const {
   static const auto* const none = new PoseBuffer(Utime(0));
   const auto place = sightings_.find(channel);
   return place == sightings_.end() ? *none : place->second.poses;
+}
+
+std::optional<SensorMount> Survey::MountOf(const std::string& channel) const {
+  const auto place = sightings_.find(channel);
+  return place == sightings_.end() ? std::nullopt : place->second.mount;
 }
 
 absl::StatusOr<Survey> SurveyLog(const std::string& path, absl::FunctionRef<void(double)> progress,

@@ -56,6 +56,9 @@ class Survey {
   const std::vector<RangeReadings>& ScansOf(const std::string& channel) const;
   const PoseBuffer& PosesOf(const std::string& channel) const;
 
+  // The first transform on a channel, or nothing where none came.
+  std::optional<SensorMount> MountOf(const std::string& channel) const;
+
   static constexpr size_t kMaxChannels = 1000;  // of a hostile bus; later ones are not looked at
   static constexpr size_t kMaxScans = 3000;
   static constexpr size_t kMaxBeams = 180;
@@ -73,6 +76,7 @@ class Survey {
     bool is_sampled = false;  // scans or poses are kept
     std::vector<RangeReadings> scans;
     PoseBuffer poses{kAnyTime};
+    std::optional<SensorMount> mount;
     std::vector<double> lags_s;  // of the first kMaxLags
   };
 

@@ -4,6 +4,7 @@
 
 #include <cmath>
 
+#include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lib/wire/encode.h"
 #include "tests/support/room_drive.h"
@@ -59,6 +60,8 @@ TEST_F(ProposalTest, TakesTheSharperPosesAndThePresetThatFits) {
   ASSERT_TRUE(proposal.ok()) << proposal.status();
   EXPECT_EQ(proposal->pose, "SLAM");
   EXPECT_EQ(proposal->scan_flags, std::vector<std::string>{"LIDAR"}) << "the preset that is told";
+  EXPECT_EQ(proposal->cautions, std::vector<std::string>()) << "it is clear";
+  EXPECT_EQ(proposal->problem, "");
   ASSERT_EQ(proposal->trials.size(), 2u);
   EXPECT_EQ(proposal->trials[0].scans, proposal->trials[1].scans) << "the same ones";
 }
@@ -148,6 +151,100 @@ TEST_F(ProposalTest, SeveralScanChannelsGetTheirOwnFlags) {
   ASSERT_TRUE(proposal.ok()) << proposal.status();
   EXPECT_EQ(proposal->pose, "SLAM");
   EXPECT_EQ(proposal->scan_flags, (std::vector<std::string>{"LIDAR", "REAR:bot_core,yaw_deg=180"}));
+}
+
+TEST_F(ProposalTest, AnOffsetBeyondThoseThatWereTriedIsSearchedOn) {
+  Drive({.sign = -1, .stamp_late_s = 1.5});
+  config::Config given;
+  given.set_pose("SLAM");
+  const auto first = Propose(survey_, given);
+  ASSERT_TRUE(first.ok()) << first.status();
+  EXPECT_NE(first->problem.find("LIDAR: its scans and the poses of SLAM"), std::string::npos)
+      << first->problem;
+  ASSERT_EQ(first->scan_flags.size(), 1u);
+  *given.add_scan() = *ParseScanFlag(first->scan_flags[0]);
+  const auto second = Propose(survey_, given);
+  ASSERT_TRUE(second.ok()) << second.status();
+  EXPECT_EQ(second->problem, "");
+  EXPECT_EQ(ParseScanFlag(second->scan_flags[0])->time_offset_ms(), -1500) << second->scan_flags[0];
+}
+
+TEST_F(ProposalTest, TheTransformOnAChannelIsWhereTheSensorSits) {
+  const double yaw_rad = M_PI / 6;
+  Drive({.sign = -1, .yaw_rad = yaw_rad, .duration_s = 0.15, .beam_times = true});
+  config::Config given;
+  *given.add_scan() = *ParseScanFlag("LIDAR,extrinsics_channel=MOUNT");
+  const auto without = Propose(survey_, given);
+  ASSERT_TRUE(without.ok()) << without.status();
+  ASSERT_FALSE(without->cautions.empty());
+  EXPECT_NE(without->cautions[0].find("no transform (bot_core.rigid_transform_t) came on MOUNT"),
+            std::string::npos);
+
+  const auto add_mount = [&](double about_z_rad) {
+    bot_core::rigid_transform_t transform{};
+    transform.quat[0] = std::cos(about_z_rad / 2);
+    transform.quat[3] = std::sin(about_z_rad / 2);
+    Add("MOUNT", seconds(200), Encode(transform));
+  };
+  add_mount(yaw_rad);
+  add_mount(0);  // the first counts
+  const auto with = Propose(survey_, given);
+  ASSERT_TRUE(with.ok()) << with.status();
+  EXPECT_EQ(with->pose, "SLAM");
+  EXPECT_EQ(with->cautions, std::vector<std::string>());
+  EXPECT_EQ(with->scan_flags, std::vector<std::string>{"LIDAR,extrinsics_channel=MOUNT"});
+  EXPECT_LT(with->trials[1].flags->spread_given, 0.8 * without->trials[1].flags->spread);
+}
+
+TEST_F(ProposalTest, ATransformThatIsTurnedByAQuarterIsSaid) {
+  Drive({.sign = -1, .yaw_rad = M_PI / 2, .duration_s = 0.15, .beam_times = true});
+  bot_core::rigid_transform_t none{};
+  none.quat[0] = 1;
+  Add("MOUNT", seconds(200), Encode(none));
+  config::Config given;
+  *given.add_scan() = *ParseScanFlag("LIDAR,extrinsics_channel=MOUNT");
+  const auto proposal = Propose(survey_, given);
+  ASSERT_TRUE(proposal.ok()) << proposal.status();
+  ASSERT_EQ(proposal->cautions.size(), 1u);
+  EXPECT_NE(proposal->cautions[0].find("turned by 90 degrees"), std::string::npos)
+      << proposal->cautions[0];
+}
+
+TEST_F(ProposalTest, ACloseCallBetweenPosesIsCalledOne) {
+  DriveInRoom(
+      {.sign = -1, .duration_s = 0.15, .beam_times = true}, 1,
+      [&](const TimedPose& pose) {
+        Add("SLAM", pose.utime, Encode(PoseMessage(pose)));
+        TimedPose noisy = pose;
+        noisy.world_T_robot.yaw_rad +=
+            0.003 * std::sin(1e-4 * static_cast<double>(pose.utime.count()));
+        Add("SLAM_NOISY", pose.utime, Encode(PoseMessage(noisy)));
+      },
+      [&](const RangeReadings& scan) { Add("LIDAR", scan.utime, Encode(LidarMessage(scan))); });
+  const auto proposal = Propose(survey_, {});
+  ASSERT_TRUE(proposal.ok()) << proposal.status();
+  ASSERT_EQ(proposal->cautions.size(), 1u);
+  EXPECT_NE(proposal->cautions[0].find("a close call: of"), std::string::npos);
+  EXPECT_NE(proposal->cautions[0].find("SLAM_NOISY"), std::string::npos);
+}
+
+TEST_F(ProposalTest, AChoiceByFewScansIsCalledACloseOne) {
+  DriveInRoom(
+      {.sign = -1, .duration_s = 0.15, .beam_times = true}, 1,
+      [&](const TimedPose& pose) {
+        Add("SLAM", pose.utime, Encode(PoseMessage(pose)));
+        TimedPose drifting = pose;
+        drifting.world_T_robot.yaw_rad *= 1.2;
+        Add("ODOMETRY", pose.utime, Encode(PoseMessage(drifting)));
+      },
+      [&](const RangeReadings& scan) {
+        if (scan.utime < seconds(106)) Add("LIDAR", scan.utime, Encode(LidarMessage(scan)));
+      });
+  const auto proposal = Propose(survey_, {});
+  ASSERT_TRUE(proposal.ok()) << proposal.status();
+  EXPECT_EQ(proposal->pose, "SLAM");
+  ASSERT_EQ(proposal->cautions.size(), 1u);
+  EXPECT_NE(proposal->cautions[0].find("a close call: of"), std::string::npos);
 }
 
 TEST_F(ProposalTest, WithoutScansOrPosesItSaysWhatIsRead) {
