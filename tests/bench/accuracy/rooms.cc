@@ -82,8 +82,7 @@ double RoomError(const Method& method, const Room& room, double range_sigma_m, i
 void WriteFig3(const std::vector<Method>& methods, const Effort& effort, const std::string& out) {
   Table table(out + "/fig3.csv", {"method", "half_side_m", "mapping_error"});
   for (const Method& method : methods) {
-    for (int cm = 200; cm < 210; ++cm) {
-      const double half_side_m = cm / 100.0;
+    for (const double half_side_m : kFig3HalfSides_m) {
       table.Row(method.name, half_side_m,
                 RoomError(method, SquareRoom(half_side_m), 0, effort.room_scans, 1));
     }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <functional>
 #include <random>
 #include <string>
@@ -20,6 +21,10 @@ std::vector<PlacedBeam> ScanRoom(const Room& room, double range_sigma_m, std::mt
 
 // Where the beams of a noiseless scan end.
 std::vector<Eigen::Vector2d> TrueHits(const Room& room);
+
+// Half sides of the squares of Fig. 3.
+inline constexpr std::array<double, 10> kFig3HalfSides_m = {2.00, 2.01, 2.02, 2.03, 2.04,
+                                                            2.05, 2.06, 2.07, 2.08, 2.09};
 
 // The error (37) of the map of `scans` scans at resolution 0.1 m.
 double RoomError(const Method& method, const Room& room, double range_sigma_m, int scans,

@@ -71,10 +71,10 @@ ControlLimits Limits(double log_odds) { return Limits(-log_odds, log_odds); }
 std::vector<Variant> Variants() {
   const ControlLimits paper;
   return {
-      {"paper", {}, paper, paper},
+      {"paper", {}, paper, paper, false, true},
       {"clamp 50", {}, Limits(50), paper},
       {"clamp 20", {}, Limits(20), paper},
-      {"clamp 10", {}, Limits(10), paper},
+      {"clamp 10", {}, Limits(10), paper, false, true},
       {"clamp 5", {}, Limits(5), paper},
       {"cap 4", {}, paper, Limits(4)},
       {"cap 2", {}, paper, Limits(2)},
@@ -83,10 +83,10 @@ std::vector<Variant> Variants() {
       {"cap -0.3 +0.9", {}, paper, Limits(-0.3, 0.9)},
       {"clamp 20 cap 4", {}, Limits(20), Limits(4)},
       {"clamp 10 cap 4", {}, Limits(10), Limits(4)},
-      {"clamp 10 cap 2", {}, Limits(10), Limits(2)},
+      {"clamp 10 cap 2", {}, Limits(10), Limits(2), false, true},
       {"clamp 10 cap 1", {}, Limits(10), Limits(1)},
       {"clamp 5 cap 2", {}, Limits(5), Limits(2)},
-      {"clamp 5 cap 1", {}, Limits(5), Limits(1)},
+      {"clamp 5 cap 1", {}, Limits(5), Limits(1), false, true},
       {"no return free", {}, paper, paper, true},
       {"clamp 10 no return free", {}, Limits(10), paper, true},
   };

@@ -17,6 +17,7 @@ struct Variant {
   ControlLimits limits;
   ControlLimits scan_limits;  // of what one scan changes in one control point
   bool no_return_is_free = false;
+  bool compare_with_peers = false;  // in the table over drives at all resolutions, too
 };
 
 // The first has the paper's parameters.
