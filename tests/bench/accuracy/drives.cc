@@ -61,8 +61,10 @@ std::vector<double> LogOdds(TestedMap& map, const std::vector<Eigen::Vector2d>& 
 }  // namespace
 
 std::vector<Drive> ReadDrives(const Effort& effort) {
+  std::vector<std::string> names = {"intel", "freiburg-079", "csail", "aces"};
+  names.resize(effort.drives);
   std::vector<Drive> drives;
-  for (const std::string name : {"intel", "freiburg-079", "csail", "aces"}) {
+  for (const std::string& name : names) {
     const auto path = SharedData("carmen/" + name + "-corrected.log.gz");
     if (!path) {
       fmt::print("{}: skipped, the shared data folder with recorded drives is not there\n", name);

@@ -10,8 +10,9 @@ struct Effort {
   int max_log_scans = 1 << 30;  // of each recorded drive
   int max_door_scans = 2000;
   int gp_points = 1500;
+  int drives = 4;  // 1 is Intel alone
 
-  static Effort Quick() { return {5, 2, 1, 40, 30, 200}; }
+  static Effort Quick() { return {5, 2, 1, 20, 15, 200, 1}; }
 };
 
 }  // namespace splinemap
