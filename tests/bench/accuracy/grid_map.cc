@@ -16,8 +16,11 @@ std::array<double, 4> Bicubic(double t) {
           -0.5 * u * t * t};
 }
 
-GridMap::GridMap(double resolution_m, double limit_log_odds, ReadOut read_out)
-    : TestedMap(limit_log_odds), resolution_m_(resolution_m), read_out_(read_out) {}
+GridMap::GridMap(double resolution_m, double limit_log_odds, ReadOut read_out, double kappa_free)
+    : TestedMap(limit_log_odds),
+      resolution_m_(resolution_m),
+      read_out_(read_out),
+      kappa_free_(kappa_free) {}
 
 void GridMap::AddScan(absl::Span<const PlacedBeam> beams) {
   for (const PlacedBeam& beam : beams) {
@@ -57,7 +60,7 @@ void GridMap::AddFree(Cell from, Cell to) {
   const int step_y = from.y() < to.y() ? 1 : -1;
   int error = dx - dy;
   while (from != to) {
-    Add(from, -0.3);
+    Add(from, kappa_free_);
     const int twice = 2 * error;
     if (twice > -dy) {
       error -= dy;
@@ -75,9 +78,10 @@ void GridMap::Add(Cell cell, double kappa) {
   value = std::clamp(value + kappa, -limit_log_odds(), limit_log_odds());  // (16)
 }
 
-Method GridMethod(const std::string& name, double limit_log_odds, ReadOut read_out) {
+Method GridMethod(const std::string& name, double limit_log_odds, ReadOut read_out,
+                  double kappa_free) {
   return {name, [=](double resolution_m) {
-            return std::make_unique<GridMap>(resolution_m, limit_log_odds, read_out);
+            return std::make_unique<GridMap>(resolution_m, limit_log_odds, read_out, kappa_free);
           }};
 }
 

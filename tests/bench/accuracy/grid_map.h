@@ -13,12 +13,13 @@ std::array<double, 4> Nearest(double t);
 std::array<double, 4> Bilinear(double t);
 std::array<double, 4> Bicubic(double t);  // Keys 1981, a = -1/2
 
-// The paper's peer: an occupancy grid by (16), kappa 0.9 for the cell of a hit and -0.3 for those
-// that Bresenham's line passes, clamped after each. Centres of cells are at multiples of the
-// resolution. Takes as much memory as the spline: cells count as int16, in tiles of 32 x 32.
+// The paper's peer: an occupancy grid by (16), kappa 0.9 for the cell of a hit and -0.3 (or
+// kappa_free) for those that Bresenham's line passes, clamped after each. Centres of cells are at
+// multiples of the resolution. Takes as much memory as the spline: cells count as int16, in tiles
+// of 32 x 32.
 class GridMap : public TestedMap {
  public:
-  GridMap(double resolution_m, double limit_log_odds, ReadOut read_out);
+  GridMap(double resolution_m, double limit_log_odds, ReadOut read_out, double kappa_free);
 
   void AddScan(absl::Span<const PlacedBeam> beams) override;
   double LogOdds(const Eigen::Vector2d& point_m) override;
@@ -33,9 +34,11 @@ class GridMap : public TestedMap {
 
   double resolution_m_;
   ReadOut read_out_;
+  double kappa_free_;
   SparseGrid cells_;
 };
 
-Method GridMethod(const std::string& name, double limit_log_odds, ReadOut read_out);
+Method GridMethod(const std::string& name, double limit_log_odds, ReadOut read_out,
+                  double kappa_free = -0.3);
 
 }  // namespace splinemap

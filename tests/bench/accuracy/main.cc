@@ -32,6 +32,8 @@ std::vector<Method> DriveMethods() {
       GridMethod("grid clamp 10", 10, &Nearest),
       GridMethod("grid bilinear clamp 10", 10, &Bilinear),
       GridMethod("grid bicubic clamp 10", 10, &Bicubic),
+      GridMethod("grid bicubic clamp 10 free -0.15", 10, &Bicubic, -0.15),
+      GridMethod("grid bilinear clamp 10 free -0.15", 10, &Bilinear, -0.15),
       MrptMethod("MRPT default", kMrptDefaultCertainty),
       MrptMethod("MRPT paper's kappa", kMrptPaperCertainty),
   };

@@ -64,35 +64,45 @@ ControlLimits Limits(double min_log_odds, double max_log_odds) {
           static_cast<ControlPoint>(std::lround(max_log_odds * kUnitsPerLogOdds))};
 }
 
-}  // namespace
-
 ControlLimits Limits(double log_odds) { return Limits(-log_odds, log_odds); }
+
+}  // namespace
 
 std::vector<Variant> Variants() {
   const ControlLimits paper;
+  const BeamModelOptions free_15 = {.kappa_free = -0.15};
+  const BeamModelOptions free_10 = {.kappa_free = -0.1};
   return {
       {"paper", {}, paper, paper, false, true},
+      // Clamps.
       {"clamp 50", {}, Limits(50), paper},
       {"clamp 20", {}, Limits(20), paper},
       {"clamp 10", {}, Limits(10), paper, false, true},
       {"clamp 5", {}, Limits(5), paper},
+      {"clamp -5 +10", {}, Limits(-5, 10), paper},
+      // Limits on what one scan changes.
       {"cap 4", {}, paper, Limits(4)},
       {"cap 2", {}, paper, Limits(2)},
       {"cap 1", {}, paper, Limits(1)},
       {"cap -0.6 +1.8", {}, paper, Limits(-0.6, 1.8)},
       {"cap -0.3 +0.9", {}, paper, Limits(-0.3, 0.9)},
-      {"clamp 20 cap 4", {}, Limits(20), Limits(4)},
       {"clamp 10 cap 4", {}, Limits(10), Limits(4)},
       {"clamp 10 cap 2", {}, Limits(10), Limits(2)},
-      {"clamp 10 cap 1", {}, Limits(10), Limits(1)},
       {"clamp 10 cap -1 +3", {}, Limits(10), Limits(-1, 3)},
-      {"clamp 10 cap -2 +4", {}, Limits(10), Limits(-2, 4)},
-      {"clamp -5 +10", {}, Limits(-5, 10), paper},
-      {"clamp 5 cap -1 +3", {}, Limits(5), Limits(-1, 3), false, true},
+      {"clamp 10 cap -0.5 +2", {}, Limits(10), Limits(-0.5, 2)},
       {"clamp 5 cap 2", {}, Limits(5), Limits(2)},
-      {"clamp 5 cap 1", {}, Limits(5), Limits(1), false, true},
+      {"clamp 5 cap 1", {}, Limits(5), Limits(1)},
+      // Beams without return.
       {"no return free", {}, paper, paper, true},
       {"clamp 10 no return free", {}, Limits(10), paper, true},
+      // Less evidence for free space.
+      {"free -0.15", free_15, paper, paper, false, true},
+      {"clamp 10 free -0.15", free_15, Limits(10), paper, false, true},
+      {"clamp 10 cap 4 free -0.15", free_15, Limits(10), Limits(4)},
+      {"clamp -5 +10 free -0.15", free_15, Limits(-5, 10), paper},
+      {"clamp 5 free -0.15", free_15, Limits(5), paper},
+      {"clamp 10 free -0.1", free_10, Limits(10), paper},
+      {"clamp 5 free -0.1", free_10, Limits(5), paper},
   };
 }
 

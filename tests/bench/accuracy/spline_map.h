@@ -23,9 +23,6 @@ struct Variant {
 // The first has the paper's parameters.
 std::vector<Variant> Variants();
 
-// Control limits of this many log-odds both ways.
-ControlLimits Limits(double log_odds);
-
 Method SplineMethod(const Variant& variant);
 
 // The spline by the paper's update (36), each measurement by itself, in double.
