@@ -29,23 +29,23 @@ esac
 source deploy/packages.sh
 install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" "${TEST_PACKAGES[@]}"
 
-# run PRESET TARGET ctest-arguments..
+# run PRESET ctest-arguments..
 run() {
-  local preset=$1 target=$2
-  shift 2
+  local preset=$1
+  shift
   [[ -f build/$preset/build.ninja ]] || cmake --preset "$preset"
-  cmake --build --preset "$preset" --target "$target"
+  cmake --build --preset "$preset"
   ctest --preset "$preset" --parallel "$(nproc)" --progress "$@"
 }
 
 preset=${1:-}
 (($#)) && shift
 case $preset in
-  dev) run dev all "$@" ;;
-  asan) run asan unit_tests -L unit "$@" ;;
-  tsan) run tsan thread_tests -R '^(DaemonTest|IngestQueueTest|MapTest)' "$@" ;;
+  dev) run dev "$@" ;;
+  asan) run asan -L unit "$@" ;;
+  tsan) run tsan -R '^(DaemonTest|IngestQueueTest|MapTest)' "$@" ;;
   "")
-    run asan unit_tests -L unit
-    run dev all
+    run asan -L unit
+    run dev
     ;;
 esac

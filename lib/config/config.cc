@@ -216,7 +216,9 @@ MapOptions MapOptionsOf(const config::Method& method) {
 }
 
 BeamModelOptions BeamModelOptionsOf(const config::Method& method) {
-  return {.kappa_hit = method.kappa_hit(),
+  return {.free_space = method.free_space() == "samples" ? FreeSpace::kSamples
+                                                         : FreeSpace::kLineIntegral,
+          .kappa_hit = method.kappa_hit(),
           .kappa_free = method.kappa_free(),
           .free_sample_spacing_knots = method.free_sample_spacing_knots()};
 }

@@ -1,50 +1,41 @@
 #include "lib/mapping/scan_scratch.h"
 
-#include <algorithm>
+#include <cstring>
 
 namespace splinemap {
-namespace {
-
-// To the nearest unit of a control point, halves to even: no bias, however many scans add up.
-int32_t Round(int32_t sum) {
-  constexpr int32_t kHalf = 1 << (ScanScratch::kFractionBits - 1);
-  const int32_t odd = (sum >> ScanScratch::kFractionBits) & 1;
-  return (sum + kHalf - 1 + odd) >> ScanScratch::kFractionBits;
-}
-
-bool AnyRoundsToNonzero(const std::array<int32_t, Tile::kSize>& sums) {
-  return std::any_of(sums.begin(), sums.end(), [](int32_t sum) { return Round(sum) != 0; });
-}
-
-}  // namespace
-
-std::array<int32_t, Tile::kSize>& ScanScratch::SumsOf(TileKey key) {
-  if (!index_.empty() && key == last_key_) return tiles_[last_].sums;
-  const auto [place, is_new] = index_.try_emplace(key, index_.size());
-  last_key_ = key;
-  last_ = place->second;
-  if (is_new) {
-    if (last_ == tiles_.size()) tiles_.emplace_back();
-    tiles_[last_].key = key;
-    tiles_[last_].sums.fill(0);
-  }
-  return tiles_[last_].sums;
-}
 
 void ScanScratch::CommitTo(Layer& layer, ControlLimits limits, ControlLimits scan_limits) {
+  MoveAprons(transposed_);
+  MoveTransposedToUpright();
+  MoveAprons(upright_);
   layer.BeginCommit();
-  for (size_t n = 0; n < index_.size(); ++n) {
-    const Sums& scan = tiles_[n];
-    if (!AnyRoundsToNonzero(scan.sums)) continue;
-    Tile& tile = layer.EditTile(scan.key);
-    for (int k = 0; k < Tile::kSize; ++k) {
-      const int32_t sum = Round(scan.sums[k]);
-      if (sum == 0) continue;
-      const int32_t change = std::clamp<int32_t>(sum, scan_limits.min, scan_limits.max);
-      tile.control_points[k] = ClampTouched(tile.control_points[k] + change, limits);
+  for (size_t n = 0; n < upright_.size(); ++n) {
+    SumBlock& block = upright_.block(n);
+    if (kernel_.has_change(block)) {
+      Tile& tile = layer.EditTile(block.key);
+      kernel_.commit(block, limits, scan_limits, tile.control_points.data());
+    } else {
+      std::memset(block.sums, 0, sizeof block.sums);
     }
   }
-  index_.clear();
+  upright_.Clear();
+}
+
+void ScanScratch::MoveAprons(SumPlane& plane) const {
+  const size_t count = plane.size();  // those that are added on the way have none
+  for (size_t n = 0; n < count; ++n) {
+    SumBlock& block = plane.block(n);
+    if (!kernel_.has_apron(block)) continue;
+    kernel_.move_apron(block, *plane.At(block.key.tx + 1, block.key.ty));
+  }
+}
+
+void ScanScratch::MoveTransposedToUpright() {
+  for (size_t n = 0; n < transposed_.size(); ++n) {
+    SumBlock& block = transposed_.block(n);
+    kernel_.move_transposed(block, *upright_.At(block.key.ty, block.key.tx));
+  }
+  transposed_.Clear();
 }
 
 }  // namespace splinemap

@@ -7,9 +7,9 @@
 namespace splinemap {
 namespace {
 
-void Run(const std::string& text) {
+void Run(FuzzInput input) {
   config::Config config;
-  if (!ParseCheckedText(text, "fuzz", &config).ok()) return;
+  if (!ParseCheckedText(input.RestText(), "fuzz", &config).ok()) return;
   config::Config again;
   Require(ParseCheckedText(PrintDocumented(config), "printed", &again).ok(),
           "a printed configuration can be read");
@@ -20,10 +20,7 @@ void Run(const std::string& text) {
   Require(!mapper.channels().empty(), "a mapper has channels");
 }
 
+const FuzzTarget target("config", &Run);
+
 }  // namespace
 }  // namespace splinemap
-
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  splinemap::Run({data, data + size});
-  return 0;
-}

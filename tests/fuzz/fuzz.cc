@@ -5,8 +5,25 @@
 
 #include <cstdio>
 #include <cstdlib>
+#include <map>
 
 namespace splinemap {
+namespace {
+
+std::map<std::string, FuzzRun>& Targets() {
+  static auto* const targets = new std::map<std::string, FuzzRun>();
+  return *targets;
+}
+
+}  // namespace
+
+FuzzTarget::FuzzTarget(const std::string& name, FuzzRun run) { Targets().emplace(name, run); }
+
+FuzzRun FindFuzzTarget(const std::string& name) {
+  const auto target = Targets().find(name);
+  Require(target != Targets().end(), "a target of this name");
+  return target->second;
+}
 
 void Require(bool condition, const char* what) {
   if (condition) return;

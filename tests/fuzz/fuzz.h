@@ -7,9 +7,6 @@
 
 #include "absl/types/span.h"
 
-// What every target defines: runs one input. What it must not do: crash, hang, fail a Require().
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size);
-
 namespace splinemap {
 
 // Ends the process with `what` where the condition does not hold.
@@ -33,6 +30,7 @@ class FuzzInput {
     const absl::Span<const uint8_t> bytes = Bytes(size);
     return {bytes.begin(), bytes.end()};
   }
+  std::string RestText() { return Text(rest_.size()); }
 
   // A number or a plain struct, byte by byte, whatever that makes it.
   template <typename Value>
@@ -47,6 +45,17 @@ class FuzzInput {
  private:
   absl::Span<const uint8_t> rest_;
 };
+
+// Runs one input. What it must not do: crash, hang, fail a Require().
+using FuzzRun = void (*)(FuzzInput input);
+
+// Adds a target to the program that its file is linked into, as a constant of that file.
+struct FuzzTarget {
+  FuzzTarget(const std::string& name, FuzzRun run);
+};
+
+// Ends the process where the program has no such target.
+FuzzRun FindFuzzTarget(const std::string& name);
 
 // A file that is in memory and has a path.
 class MemoryFile {

@@ -4,19 +4,27 @@
 
 #include "tests/fuzz/fuzz.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  static splinemap::MemoryFile file;
-  file.Set({data, size});
+namespace splinemap {
+namespace {
+
+void Run(FuzzInput input) {
+  static MemoryFile file;
+  const absl::Span<const uint8_t> content = input.Rest();
+  file.Set(content);
   constexpr size_t kHeaderBytes = 28;
   size_t bytes = 0;
-  splinemap::ReadLcmLog(
+  ReadLcmLog(
       file.path(),
-      [&](const splinemap::LogEvent& event) {
+      [&](const LogEvent& event) {
         bytes += kHeaderBytes + event.channel.size() + event.message.size();
       },
-      [](double share) { splinemap::Require(share >= 0, "progress is a share"); })
+      [](double share) { Require(share >= 0, "progress is a share"); })
       .IgnoreError();
-  const bool is_gzip = size > 1 && data[0] == 0x1f && data[1] == 0x8b;
-  splinemap::Require(is_gzip || bytes <= size, "no byte of a log is read twice");
-  return 0;
+  const bool is_gzip = content.size() > 1 && content[0] == 0x1f && content[1] == 0x8b;
+  Require(is_gzip || bytes <= content.size(), "no byte of a log is read twice");
 }
+
+const FuzzTarget target("lcm_log", &Run);
+
+}  // namespace
+}  // namespace splinemap

@@ -18,10 +18,10 @@ class ScratchFile {
   ScratchFile() : path_((Folder() / ("fuzz_map_" + std::to_string(getpid()))).string()) {}
   ~ScratchFile() { Remove(); }
 
-  void Set(const uint8_t* data, size_t size) {
+  void Set(absl::Span<const uint8_t> content) {
     Remove();
     std::ofstream(path_, std::ios::binary)
-        .write(reinterpret_cast<const char*>(data), static_cast<std::streamsize>(size));
+        .write(reinterpret_cast<const char*>(content.data()), std::ssize(content));
   }
   const std::string& path() const { return path_; }
 
@@ -40,9 +40,9 @@ class ScratchFile {
   std::string path_;
 };
 
-void Run(const uint8_t* data, size_t size) {
+void Run(FuzzInput input) {
   static ScratchFile scratch;
-  scratch.Set(data, size);
+  scratch.Set(input.Rest());
   const absl::StatusOr<LoadedMap> looked_at = ReadMapFile(scratch.path());
   absl::StatusOr<MapFile> file = MapFile::Open(scratch.path());
   if (!file.ok()) return;
@@ -55,10 +55,7 @@ void Run(const uint8_t* data, size_t size) {
   }
 }
 
+const FuzzTarget target("map_file", &Run);
+
 }  // namespace
 }  // namespace splinemap
-
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  splinemap::Run(data, size);
-  return 0;
-}

@@ -157,10 +157,7 @@ void Run(FuzzInput input) {
   Require(AreEqual(*loaded->map, *again->map), "a map that was read is written the same");
 }
 
+const FuzzTarget target("map_records", &Run);
+
 }  // namespace
 }  // namespace splinemap
-
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  splinemap::Run({data, size});
-  return 0;
-}

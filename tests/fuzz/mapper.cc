@@ -69,10 +69,7 @@ void Run(FuzzInput input) {
   Require(std::isfinite(map.Snapshot()->Evaluate(0.1, 0.1).log_odds), "the surface is finite");
 }
 
+const FuzzTarget target("mapper", &Run);
+
 }  // namespace
 }  // namespace splinemap
-
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  splinemap::Run({data, size});
-  return 0;
-}

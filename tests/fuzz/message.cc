@@ -1,5 +1,5 @@
-// A message of one type, FUZZ_TYPE, decoded and made ready as on a scan channel. The input is a
-// byte that chooses sensor options, then the message after its fingerprint.
+// A message of one type, decoded and made ready as on a scan channel. The input is a byte that
+// chooses sensor options, then the message after its fingerprint.
 
 #include <vector>
 
@@ -33,8 +33,8 @@ SensorOptions OptionsOf(uint8_t choice) {
   return options;
 }
 
-std::vector<uint8_t> MessageOf(absl::Span<const uint8_t> fields) {
-  const auto fingerprint = static_cast<uint64_t>(FUZZ_TYPE::getHash());
+std::vector<uint8_t> MessageOf(int64_t hash, absl::Span<const uint8_t> fields) {
+  const auto fingerprint = static_cast<uint64_t>(hash);
   std::vector<uint8_t> message;
   for (int shift = 56; shift >= 0; shift -= 8) {
     message.push_back(static_cast<uint8_t>(fingerprint >> shift));
@@ -43,9 +43,7 @@ std::vector<uint8_t> MessageOf(absl::Span<const uint8_t> fields) {
   return message;
 }
 
-void Run(FuzzInput input) {
-  const SensorOptions options = OptionsOf(input.Byte());
-  const std::vector<uint8_t> message = MessageOf(input.Rest());
+void Use(const std::vector<uint8_t>& message, const SensorOptions& options) {
   DecodePose(message).status().IgnoreError();
   DecodeStatus(message).status().IgnoreError();
   if (const auto mount = DecodeSensorMount(message); mount.ok()) {
@@ -66,10 +64,20 @@ void Run(FuzzInput input) {
   }
 }
 
+template <typename Type>
+void Run(FuzzInput input) {
+  const SensorOptions options = OptionsOf(input.Byte());
+  Use(MessageOf(Type::getHash(), input.Rest()), options);
+}
+
+const FuzzTarget targets[] = {
+    {"planar_lidar", &Run<bot_core::planar_lidar_t>},
+    {"pose", &Run<bot_core::pose_t>},
+    {"michigan_lidar", &Run<michigan::lidar_t>},
+    {"michigan_pose", &Run<michigan::pose_xyt_t>},
+    {"rigid_transform", &Run<bot_core::rigid_transform_t>},
+    {"status", &Run<status_t>},
+};
+
 }  // namespace
 }  // namespace splinemap
-
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  splinemap::Run({data, size});
-  return 0;
-}

@@ -1,7 +1,7 @@
 // Stands in for libFuzzer where the compiler has none: runs a target on every file of its corpus
 // and on random mutations of them, the same ones each time.
 //
-//   fuzz_TARGET CORPUS_FOLDER MUTATIONS
+//   fuzz_replay TARGET CORPUS_FOLDER MUTATIONS
 
 #include <algorithm>
 #include <csignal>
@@ -41,9 +41,9 @@ void OnSignal(int signal) {
   std::raise(signal);
 }
 
-void Run(Bytes input) {
+void Run(FuzzRun run, Bytes input) {
   current = std::move(input);
-  LLVMFuzzerTestOneInput(current.data(), current.size());
+  run({current.data(), current.size()});
 }
 
 std::vector<Bytes> ReadCorpus(const std::string& folder) {
@@ -113,18 +113,19 @@ class Mutator {
 };
 
 int Main(int argc, char** argv) {
-  if (argc != 3) {
-    std::fprintf(stderr, "usage: %s CORPUS_FOLDER MUTATIONS\n", argv[0]);
+  if (argc != 4) {
+    std::fprintf(stderr, "usage: %s TARGET CORPUS_FOLDER MUTATIONS\n", argv[0]);
     return 2;
   }
   if (__sanitizer_set_death_callback != nullptr) __sanitizer_set_death_callback(&KeepCurrent);
   std::signal(SIGABRT, &OnSignal);
-  const std::vector<Bytes> corpus = ReadCorpus(argv[1]);
+  const FuzzRun target = FindFuzzTarget(argv[1]);
+  const std::vector<Bytes> corpus = ReadCorpus(argv[2]);
   Require(!corpus.empty(), "a corpus");
-  for (const Bytes& bytes : corpus) Run(bytes);
+  for (const Bytes& bytes : corpus) Run(target, bytes);
   Mutator mutator(corpus);
-  const long mutations = std::atol(argv[2]);
-  for (long k = 0; k < mutations; ++k) Run(mutator.Next());
+  const long mutations = std::atol(argv[3]);
+  for (long k = 0; k < mutations; ++k) Run(target, mutator.Next());
   std::printf("%zu files and %ld mutations of them ran\n", corpus.size(), mutations);
   return 0;
 }

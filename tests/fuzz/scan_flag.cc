@@ -3,8 +3,15 @@
 #include "lib/config/config.h"
 #include "tests/fuzz/fuzz.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  const auto scan = splinemap::ParseScanFlag({data, data + size});
-  if (scan.ok()) splinemap::SensorOptionsOf(*scan, scan->preset());
-  return 0;
+namespace splinemap {
+namespace {
+
+void Run(FuzzInput input) {
+  const auto scan = ParseScanFlag(input.RestText());
+  if (scan.ok()) SensorOptionsOf(*scan, scan->preset());
 }
+
+const FuzzTarget target("scan_flag", &Run);
+
+}  // namespace
+}  // namespace splinemap

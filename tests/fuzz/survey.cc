@@ -54,10 +54,7 @@ void Run(FuzzInput input) {
   }
 }
 
+const FuzzTarget target("survey", &Run);
+
 }  // namespace
 }  // namespace splinemap
-
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  splinemap::Run({data, size});
-  return 0;
-}

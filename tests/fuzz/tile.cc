@@ -3,12 +3,16 @@
 #include "lib/map/tile_update.h"
 #include "tests/fuzz/fuzz.h"
 
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
-  const std::string content(data, data + size);
-  const absl::StatusOr<splinemap::Tile> tile = splinemap::DecodeTile(content);
-  if (tile.ok()) {
-    splinemap::Require(*splinemap::DecodeTile(splinemap::EncodeTile(*tile)) == *tile,
-                       "a tile that is encoded again is the same");
-  }
-  return 0;
+namespace splinemap {
+namespace {
+
+void Run(FuzzInput input) {
+  const absl::StatusOr<Tile> tile = DecodeTile(input.RestText());
+  if (!tile.ok()) return;
+  Require(*DecodeTile(EncodeTile(*tile)) == *tile, "a tile that is encoded again is the same");
 }
+
+const FuzzTarget target("tile", &Run);
+
+}  // namespace
+}  // namespace splinemap

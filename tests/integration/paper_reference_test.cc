@@ -24,7 +24,7 @@ TEST(PaperReferenceTest, TheSurfaceOfIntelDiffersByLessThanFiveHundredthsRms) {
   PaperMap paper(kKnot);
   Map map({kKnot, {}});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
-  const BeamModel model({}, kKnot);
+  BeamModel model({.free_space = FreeSpace::kSamples}, kKnot);
   ScanScratch scratch;
   for (const RecordedScan& scan : *drive) {
     const std::vector<PlacedBeam> beams = Place(scan);
