@@ -45,6 +45,8 @@ def style(method):
         color = "tab:orange"
     if "bicubic" in method:
         color = "tab:red"
+    if "samples" in method:
+        color = "tab:cyan"
     if "double" in method:
         color = "black"
     return color
