@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 
 #include "lib/geometry/angle.h"
 #include "lib/spline/basis.h"
@@ -10,22 +9,22 @@
 namespace splinemap {
 namespace {
 
-// From (x, y) over `dy` rows with the slope dx/dy = `slope`, |slope| <= 1: the control point rows
-// between its ends. Nothing where it crosses none.
-std::optional<FreeLine> LineOverRows(double x, double y, double dy, double slope) {
-  const int64_t first_row = FloorToInt(std::min(y, y + dy)) + 1;
-  const int64_t last_row = FloorToInt(std::max(y, y + dy));
-  if (last_row < first_row) return std::nullopt;
+// Sets `line` to the control point rows between the ends of a line from (x, y) over `dy` rows,
+// whose dx/dy is `slope`, |slope| <= 1. False where it crosses none.
+bool SetLineOverRows(double x, double y, double dy, double slope, const FreeLineTable& table,
+                     FreeLine& line) {
+  const int64_t first_row = FloorToInt(dy < 0 ? y + dy : y) + 1;
+  const int64_t last_row = FloorToInt(dy < 0 ? y : y + dy);
   constexpr double kOne = int64_t{1} << FreeLine::kFractionBits;
   constexpr double kHalfPhase = 0.5 / FreeLine::kPhases;
-  const double column = x + (static_cast<double>(first_row) - y) * slope +
-                        FreeLineTable::FirstColumn(slope) + kHalfPhase;
-  FreeLine line;
-  line.column = RoundToInt(column * kOne);
+  const FreeLineTable::Entry entry = table.Find(slope);
+  const double column = x + (static_cast<double>(first_row) - y) * slope + entry.first_column;
+  line.column = RoundToInt((column + kHalfPhase) * kOne);
   line.columns_per_row = static_cast<int32_t>(RoundToInt(slope * kOne));
   line.first_row = static_cast<int32_t>(first_row);
   line.rows = static_cast<int32_t>(last_row - first_row) + 1;
-  return line;
+  line.row_pairs = entry.row_pairs;
+  return line.rows > 0;
 }
 
 }  // namespace
@@ -53,22 +52,16 @@ BeamModel::WeightTable BeamModel::MakeTable(double scale) {
 
 void BeamModel::Accumulate(absl::Span<const PlacedBeam> beams, ScanScratch& scratch) {
   samples_.clear();
-  steep_lines_.clear();
-  shallow_lines_.clear();
   for (const PlacedBeam& beam : beams) {
-    if (beam.hit) {
-      samples_.push_back(
-          SampleAt((beam.origin_world_m + beam.range_m * beam.direction_world) * knots_per_m_,
-                   hit_weights_));
-    }
-    if (free_space_ == FreeSpace::kSamples) {
-      AddFreeSamples(beam);
-    } else {
-      AddFreeLine(beam);
-    }
+    if (!beam.hit) continue;
+    samples_.push_back(SampleAt(
+        (beam.origin_world_m + beam.range_m * beam.direction_world) * knots_per_m_, hit_weights_));
   }
-  scratch.AddSteepLines(steep_lines_);
-  scratch.AddShallowLines(shallow_lines_);
+  if (free_space_ == FreeSpace::kSamples) {
+    for (const PlacedBeam& beam : beams) AddFreeSamples(beam);
+  } else {
+    AddFreeLines(beams, scratch);
+  }
   scratch.AddSamples(samples_);
 }
 
@@ -84,19 +77,27 @@ void BeamModel::AddFreeSamples(const PlacedBeam& beam) {
 
 // The last sample of (9) lies between one and two spacings before the hit. Over all phases that
 // makes a density that ends one spacing before it.
-void BeamModel::AddFreeLine(const PlacedBeam& beam) {
-  const double length_knots = beam.range_m * knots_per_m_ - free_sample_spacing_knots_;
-  if (length_knots <= 0) return;
-  const Eigen::Vector2d from = beam.origin_world_m * knots_per_m_;
-  const Eigen::Vector2d& direction = beam.direction_world;
-  const bool is_steep = std::abs(direction.y()) >= std::abs(direction.x());
-  const double slope = is_steep ? direction.x() / direction.y() : direction.y() / direction.x();
-  std::optional<FreeLine> line =
-      is_steep ? LineOverRows(from.x(), from.y(), length_knots * direction.y(), slope)
-               : LineOverRows(from.y(), from.x(), length_knots * direction.x(), slope);
-  if (!line) return;
-  line->row_pairs = free_lines_.RowPairs(slope);
-  (is_steep ? steep_lines_ : shallow_lines_).push_back(*line);
+void BeamModel::AddFreeLines(absl::Span<const PlacedBeam> beams, ScanScratch& scratch) {
+  steep_lines_.resize(beams.size());
+  shallow_lines_.resize(beams.size());
+  size_t steep = 0;
+  size_t shallow = 0;
+  for (const PlacedBeam& beam : beams) {
+    const double length_knots = beam.range_m * knots_per_m_ - free_sample_spacing_knots_;
+    if (length_knots <= 0) continue;
+    const Eigen::Vector2d from = beam.origin_world_m * knots_per_m_;
+    const Eigen::Vector2d& direction = beam.direction_world;
+    if (std::abs(direction.y()) >= std::abs(direction.x())) {
+      steep += SetLineOverRows(from.x(), from.y(), length_knots * direction.y(),
+                               direction.x() / direction.y(), free_lines_, steep_lines_[steep]);
+    } else {
+      shallow +=
+          SetLineOverRows(from.y(), from.x(), length_knots * direction.x(),
+                          direction.y() / direction.x(), free_lines_, shallow_lines_[shallow]);
+    }
+  }
+  scratch.AddSteepLines({steep_lines_.data(), steep});
+  scratch.AddShallowLines({shallow_lines_.data(), shallow});
 }
 
 PointSample BeamModel::SampleAt(const Eigen::Vector2d& point_knots,

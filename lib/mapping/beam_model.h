@@ -47,7 +47,7 @@ class BeamModel {
   static WeightTable MakeTable(double scale);
   PointSample SampleAt(const Eigen::Vector2d& point_knots, const WeightTable& kappa_weights) const;
   void AddFreeSamples(const PlacedBeam& beam);
-  void AddFreeLine(const PlacedBeam& beam);
+  void AddFreeLines(absl::Span<const PlacedBeam> beams, ScanScratch& scratch);
 
   FreeSpace free_space_;
   double knots_per_m_;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "lib/geometry/angle.h"
 #include "lib/spline/basis.h"
 
 namespace splinemap {
@@ -69,10 +68,6 @@ FreeLineTable::FreeLineTable(double sum_per_knot) {
       }
     }
   }
-}
-
-int FreeLineTable::Index(double slope) {
-  return static_cast<int>(RoundToInt(slope * kSlopesPerOne)) + kSlopesPerOne;
 }
 
 }  // namespace splinemap

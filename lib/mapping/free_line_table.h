@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "lib/geometry/angle.h"
 #include "lib/mapping/scan_kernel.h"
 
 namespace splinemap {
@@ -21,14 +22,20 @@ class FreeLineTable {
   // `sum_per_knot`: what one knot interval of beam adds, in units of the sums of a scan.
   explicit FreeLineTable(double sum_per_knot);
 
-  // For the nearest slope that is in the table; |slope| <= 1. first_column: of FreeLine::kWidth,
-  // from floor(x) in the first row of a pair.
-  const int32_t* RowPairs(double slope) const { return by_slope_[Index(slope)].data(); }
-  static int FirstColumn(double slope) { return Index(slope) < kSlopesPerOne ? -4 : -3; }
+  // For the nearest slope that is in the table.
+  struct Entry {
+    const int32_t* row_pairs;  // of FreeLine
+    int first_column;          // of FreeLine::kWidth, from floor(x) in the first row of a pair
+  };
+  // Requires |slope| <= 1.
+  Entry Find(double slope) const {
+    const int64_t index = RoundToInt(slope * kSlopesPerOne);
+    return {by_slope_[index + kSlopesPerOne].data(), FirstColumn(static_cast<double>(index))};
+  }
+  static constexpr int FirstColumn(double slope) { return slope < 0 ? -4 : -3; }
 
  private:
   static constexpr int kSlopesPerOne = 64;
-  static int Index(double slope);
   using RowPairSums = std::array<int32_t, size_t{FreeLine::kPhases} * 2 * FreeLine::kWidth>;
   std::vector<RowPairSums> by_slope_;
 };

@@ -44,18 +44,20 @@ struct ScanKernel {
   void (*add_lines)(const FreeLine* lines, size_t count, SumPlane& plane);
   void (*add_samples)(const PointSample* samples, size_t count, SumPlane& plane);
 
-  // Moves the apron of `from` to the sums of `to`, the next block in x. has_apron: whether there is
+  // The rest is about the sums of one tile within its block.
+
+  // Moves the apron of `from` to the sums of `to`, the next tile in x. has_apron: whether there is
   // anything in it.
-  bool (*has_apron)(const SumBlock& block);
-  void (*move_apron)(SumBlock& from, SumBlock& to);
+  bool (*has_apron)(const int32_t* sums);
+  void (*move_apron)(int32_t* from, int32_t* to);
   // Moves the sums of `from`, x and y exchanged, to those of `to`. Aprons are left.
-  void (*move_transposed)(SumBlock& from, SumBlock& to);
+  void (*move_transposed)(int32_t* from, int32_t* to);
 
   // Whether a sum rounds to something.
-  bool (*has_change)(const SumBlock& block);
+  bool (*has_change)(const int32_t* sums);
   // Moves the sums, rounded to the nearest (halves to even) and kept within `scan_limits`, to
   // control_points[Tile::kSize]; a sum that rounds to 0 leaves its control point as it was.
-  void (*commit)(SumBlock& block, ControlLimits limits, ControlLimits scan_limits,
+  void (*commit)(int32_t* sums, ControlLimits limits, ControlLimits scan_limits,
                  ControlPoint* control_points);
 };
 

@@ -31,6 +31,8 @@ using ControlPoints [[gnu::vector_size(2 * kLanes)]] = int16_t;
 
 constexpr int kSide = Tile::kSide;
 constexpr int kStride = SumBlock::kStride;
+constexpr int kBlockShift = 7;
+static_assert(SumBlock::kRows == 1 << kBlockShift);
 
 template <typename Vector>
 Vector Load(const void* from) {
@@ -98,6 +100,10 @@ ControlPoints Narrow(Sums v) {
 #endif
 }
 
+void Touch(SumBlock& block, int32_t first_row, int32_t last_row) {
+  block.touched |= (2u << (last_row / kSide)) - (1u << (first_row / kSide));
+}
+
 void AddLine(const FreeLine& line, SumPlane& plane) {
   constexpr int kTileShift = FreeLine::kFractionBits + 5;
   constexpr uint32_t kTileWidth = uint32_t{1} << kTileShift;
@@ -108,10 +114,10 @@ void AddLine(const FreeLine& line, SumPlane& plane) {
   int32_t row = line.first_row;
   int32_t rows = line.rows;
   while (rows > 0) {
-    SumBlock* block = plane.At(static_cast<int32_t>(column >> kTileShift), row >> 5);
-    const int32_t row_in_tile = row & (kSide - 1);
-    const int32_t rows_left = kSide - row_in_tile;
-    int32_t* const begin = block->sums + row_in_tile * kStride;
+    SumBlock* block = plane.At(static_cast<int32_t>(column >> kTileShift), row >> kBlockShift);
+    const int32_t row_in_block = row & (SumBlock::kRows - 1);
+    const int32_t rows_left = SumBlock::kRows - row_in_block;
+    int32_t* const begin = block->sums + row_in_block * kStride;
     const int32_t* const end = begin + (rows_left < rows ? rows_left : rows) * kStride;
     int32_t* sums = begin;
     uint32_t x = static_cast<uint32_t>(column) & (kTileWidth - 1);
@@ -128,6 +134,7 @@ void AddLine(const FreeLine& line, SumPlane& plane) {
       x += columns_per_row;
     } while (sums != end && x < kTileWidth);
     const auto done = static_cast<int32_t>((sums - begin) / kStride);
+    Touch(*block, row_in_block, row_in_block + done - 1);
     row += done;
     rows -= done;
     column += int64_t{line.columns_per_row} * done;
@@ -144,26 +151,27 @@ void AddSamples(const PointSample* samples, size_t count, SumPlane& plane) {
     const PointSample& sample = samples[n];
     const int32_t tx = sample.i >> 5;
     const auto x_weights = Load<Int32x4>(sample.x_weights);
-    SumBlock* block = plane.At(tx, sample.j >> 5);
+    SumBlock* block = plane.At(tx, sample.j >> kBlockShift);
     for (int k = 0; k < 4; ++k) {
-      const int32_t row = (sample.j + k) & (kSide - 1);
-      if (row == 0 && k > 0) block = plane.At(tx, (sample.j + k) >> 5);
+      const int32_t row = (sample.j + k) & (SumBlock::kRows - 1);
+      if (row == 0 && k > 0) block = plane.At(tx, (sample.j + k) >> kBlockShift);
+      Touch(*block, row, row);
       AddTo((x_weights * sample.y_weights[k] + kHalf) >> PointSample::kWeightBits,
             block->sums + row * kStride + (sample.i & (kSide - 1)));
     }
   }
 }
 
-bool HasApron(const SumBlock& block) {
+bool HasApron(const int32_t* sums) {
   Int32x8 any{};
-  for (int row = 0; row < kSide; ++row) any |= Load<Int32x8>(block.sums + row * kStride + kSide);
+  for (int row = 0; row < kSide; ++row) any |= Load<Int32x8>(sums + row * kStride + kSide);
   return !IsZero(any);
 }
 
-void MoveApron(SumBlock& from, SumBlock& to) {
+void MoveApron(int32_t* from, int32_t* to) {
   for (int row = 0; row < kSide; ++row) {
-    int32_t* apron = from.sums + row * kStride + kSide;
-    AddTo(Load<Int32x8>(apron), to.sums + row * kStride);
+    int32_t* apron = from + row * kStride + kSide;
+    AddTo(Load<Int32x8>(apron), to + row * kStride);
     Store(Int32x8{}, apron);
   }
 }
@@ -188,10 +196,10 @@ void Transpose(Int32x8 (&r)[8]) {
   for (int k = 0; k < 8; ++k) r[k] = t[k];
 }
 
-void MoveTransposed(SumBlock& from, SumBlock& to) {
+void MoveTransposed(int32_t* from, int32_t* to) {
   for (int y = 0; y < kSide; y += 8) {
     for (int x = 0; x < kSide; x += 8) {
-      int32_t* source = from.sums + y * kStride + x;
+      int32_t* source = from + y * kStride + x;
       Int32x8 rows[8];
       for (int k = 0; k < 8; ++k) rows[k] = Load<Int32x8>(source + k * kStride);
       if (IsZero((rows[0] | rows[1]) | (rows[2] | rows[3]) | (rows[4] | rows[5]) |
@@ -200,7 +208,7 @@ void MoveTransposed(SumBlock& from, SumBlock& to) {
       }
       for (int k = 0; k < 8; ++k) Store(Int32x8{}, source + k * kStride);
       Transpose(rows);
-      for (int k = 0; k < 8; ++k) AddTo(rows[k], to.sums + (x + k) * kStride + y);
+      for (int k = 0; k < 8; ++k) AddTo(rows[k], to + (x + k) * kStride + y);
     }
   }
 }
@@ -211,10 +219,10 @@ Sums Rounded(Sums sums) {
   return (sums + (kHalf - 1) + odd) >> kSumFractionBits;
 }
 
-bool HasChange(const SumBlock& block) {
+bool HasChange(const int32_t* sums) {
   for (int row = 0; row < kSide; ++row) {
     for (int k = 0; k < kSide; k += kLanes) {
-      if (!IsZero(Rounded(Load<Sums>(block.sums + row * kStride + k)))) return true;
+      if (!IsZero(Rounded(Load<Sums>(sums + row * kStride + k)))) return true;
     }
   }
   return false;
@@ -228,13 +236,13 @@ Sums Clamp(Sums v, ControlLimits limits) {
 }
 
 // Without a branch for sums that are 0: where they begin and end cannot be foretold.
-void Commit(SumBlock& block, ControlLimits limits, ControlLimits scan_limits,
+void Commit(int32_t* sums, ControlLimits limits, ControlLimits scan_limits,
             ControlPoint* control_points) {
   for (int row = 0; row < kSide; ++row) {
     for (int k = 0; k < kSide; k += kLanes) {
-      int32_t* const sums = block.sums + row * kStride + k;
-      const Sums change = Rounded(Load<Sums>(sums));
-      Store(Sums{}, sums);
+      int32_t* const some = sums + row * kStride + k;
+      const Sums change = Rounded(Load<Sums>(some));
+      Store(Sums{}, some);
       const Sums old = Widen(Load<ControlPoints>(control_points));
       Sums result = Clamp(old + Clamp(change, scan_limits), limits);
       result = result == 0 ? Sums{} + 1 : result;  // what was touched stays known

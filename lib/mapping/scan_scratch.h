@@ -26,9 +26,7 @@ class ScanScratch {
 
   // The sum of control point (i, j), as far as At() and AddSamples() made it. The reference is
   // valid until the next commit.
-  int32_t& At(int32_t i, int32_t j) {
-    return upright_.At(i >> 5, j >> 5)->sums[(j & 31) * SumBlock::kStride + (i & 31)];
-  }
+  int32_t& At(int32_t i, int32_t j);
 
   void AddSamples(absl::Span<const PointSample> samples) {
     kernel_.add_samples(samples.data(), samples.size(), upright_);
