@@ -93,7 +93,7 @@ DoorScans CountDoorScans(const Method& method, int before, const Effort& effort)
   DoorScans scans;
   for (int n = 0; n < before; ++n) corridor.See(false);
   scans.until_closed = corridor.SeeUntilDoorIs(true, effort.max_door_scans);
-  for (int n = scans.until_closed; n < before; ++n) corridor.See(true);
+  for (int n = 0; n < before; ++n) corridor.See(true);
   scans.until_open = corridor.SeeUntilDoorIs(false, effort.max_door_scans);
   return scans;
 }

@@ -16,8 +16,8 @@ struct DoorScans {
 
 // A robot stands 1 m before a door, 0.9 m wide, in the wall of a corridor; noise of ranges 1 cm,
 // resolution 0.05 m. It sees the door open for `before` scans, then closed until the door is
-// occupied (s > 0), and on until it was closed for `before` scans; then open until the door is free
-// (s < 0). effort.max_door_scans where it takes longer.
+// occupied (s > 0), and `before` more; then open until the door is free (s < 0).
+// effort.max_door_scans where it takes longer.
 DoorScans CountDoorScans(const Method& method, int before, const Effort& effort);
 
 // door.csv: the counts by method and by the number of scans before.

@@ -15,12 +15,15 @@
 namespace splinemap {
 namespace {
 
-// The methods of the paper's figures; the last is the project's with the paper's parameters.
+// The methods of the paper's figures; the last are the project's with the paper's parameters.
 std::vector<Method> PaperMethods() {
-  Method spline = SplineMethod(Variants().front());
-  spline.name = "spline";
-  return {GridMethod("grid", 100, &Nearest), GridMethod("grid bilinear", 100, &Bilinear),
-          GridMethod("grid bicubic", 100, &Bicubic), PaperSplineMethod(), spline};
+  std::vector<Method> methods = {GridMethod("grid", 100, &Nearest),
+                                 GridMethod("grid bilinear", 100, &Bilinear),
+                                 GridMethod("grid bicubic", 100, &Bicubic), PaperSplineMethod()};
+  for (const Variant& variant : Variants()) {
+    if (variant.in_paper_figures) methods.push_back(SplineMethod(variant));
+  }
+  return methods;
 }
 
 // Some of the variants beside their peers, for the tables over drives.

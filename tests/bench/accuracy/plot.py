@@ -45,6 +45,8 @@ def style(method):
         color = "tab:orange"
     if "bicubic" in method:
         color = "tab:red"
+    if "samples" in method:
+        color = "tab:cyan"
     if "double" in method:
         color = "black"
     return color
@@ -157,7 +159,7 @@ def door(directory):
     if not rows:
         return
     methods, befores = distinct(rows, "method"), distinct(rows, "scans_before")
-    figure, axes = plt.subplots(1, 2, sharey=True, layout="constrained", figsize=(11, 6))
+    figure, axes = plt.subplots(1, 2, sharey=True, layout="constrained", figsize=(11, 8))
     measures = {"scans_until_closed": "scans until a closed door is occupied",
                 "scans_until_open": "scans until an opened door is free"}
     for panel, (measure, label) in zip(axes, measures.items()):
@@ -167,12 +169,14 @@ def door(directory):
                        [max(r[measure], 0.5) for r in mine], height=0.24,
                        label=f"after {before:g} scans")
         panel.set_xscale("log")
+        panel.set_xlim(left=0.5)
         panel.set_xlabel(label)
         panel.grid(alpha=0.3, axis="x")
     axes[0].set_yticks(range(len(methods)))
     axes[0].set_yticklabels(methods)
     axes[0].invert_yaxis()
-    axes[0].legend()
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, 0), ncol=3)
     save(figure, directory / "door.png")
 
 

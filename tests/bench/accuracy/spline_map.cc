@@ -70,39 +70,46 @@ ControlLimits Limits(double log_odds) { return Limits(-log_odds, log_odds); }
 
 std::vector<Variant> Variants() {
   const ControlLimits paper;
-  const BeamModelOptions free_15 = {.kappa_free = -0.15};
-  const BeamModelOptions free_10 = {.kappa_free = -0.1};
+  const BeamModelOptions samples = {.free_space = FreeSpace::kSamples};
+  const BeamModelOptions samples_15 = {.free_space = FreeSpace::kSamples, .kappa_free = -0.15};
+  const BeamModelOptions line = {.free_space = FreeSpace::kLineIntegral};
+  const BeamModelOptions line_15 = {.free_space = FreeSpace::kLineIntegral, .kappa_free = -0.15};
+  const BeamModelOptions line_10 = {.free_space = FreeSpace::kLineIntegral, .kappa_free = -0.1};
   return {
-      {"paper", {}, paper, paper, false, true},
+      {"samples", samples, paper, paper, false, true, true},
+      {"samples clamp 10", samples, Limits(10), paper},
+      {"samples clamp 5", samples, Limits(5), paper},
+      {"samples clamp 10 cap 4", samples, Limits(10), Limits(4)},
+      {"samples clamp 10 free -0.15", samples_15, Limits(10), paper},
+      {"line", line, paper, paper, false, true, true},
       // Clamps.
-      {"clamp 50", {}, Limits(50), paper},
-      {"clamp 20", {}, Limits(20), paper},
-      {"clamp 10", {}, Limits(10), paper, false, true},
-      {"clamp 5", {}, Limits(5), paper},
-      {"clamp -5 +10", {}, Limits(-5, 10), paper},
+      {"line clamp 50", line, Limits(50), paper},
+      {"line clamp 20", line, Limits(20), paper},
+      {"line clamp 10", line, Limits(10), paper, false, true},
+      {"line clamp 5", line, Limits(5), paper},
+      {"line clamp -5 +10", line, Limits(-5, 10), paper},
       // Limits on what one scan changes.
-      {"cap 4", {}, paper, Limits(4)},
-      {"cap 2", {}, paper, Limits(2)},
-      {"cap 1", {}, paper, Limits(1)},
-      {"cap -0.6 +1.8", {}, paper, Limits(-0.6, 1.8)},
-      {"cap -0.3 +0.9", {}, paper, Limits(-0.3, 0.9)},
-      {"clamp 10 cap 4", {}, Limits(10), Limits(4)},
-      {"clamp 10 cap 2", {}, Limits(10), Limits(2)},
-      {"clamp 10 cap -1 +3", {}, Limits(10), Limits(-1, 3)},
-      {"clamp 10 cap -0.5 +2", {}, Limits(10), Limits(-0.5, 2)},
-      {"clamp 5 cap 2", {}, Limits(5), Limits(2)},
-      {"clamp 5 cap 1", {}, Limits(5), Limits(1)},
+      {"line cap 4", line, paper, Limits(4)},
+      {"line cap 2", line, paper, Limits(2)},
+      {"line cap 1", line, paper, Limits(1)},
+      {"line cap -0.6 +1.8", line, paper, Limits(-0.6, 1.8)},
+      {"line cap -0.3 +0.9", line, paper, Limits(-0.3, 0.9)},
+      {"line clamp 10 cap 4", line, Limits(10), Limits(4)},
+      {"line clamp 10 cap 2", line, Limits(10), Limits(2)},
+      {"line clamp 10 cap -1 +3", line, Limits(10), Limits(-1, 3)},
+      {"line clamp 10 cap -0.5 +2", line, Limits(10), Limits(-0.5, 2)},
+      {"line clamp 5 cap 2", line, Limits(5), Limits(2)},
       // Beams without return.
-      {"no return free", {}, paper, paper, true},
-      {"clamp 10 no return free", {}, Limits(10), paper, true},
+      {"line no return free", line, paper, paper, true},
+      {"line clamp 10 no return free", line, Limits(10), paper, true},
       // Less evidence for free space.
-      {"free -0.15", free_15, paper, paper, false, true},
-      {"clamp 10 free -0.15", free_15, Limits(10), paper, false, true},
-      {"clamp 10 cap 4 free -0.15", free_15, Limits(10), Limits(4)},
-      {"clamp -5 +10 free -0.15", free_15, Limits(-5, 10), paper},
-      {"clamp 5 free -0.15", free_15, Limits(5), paper},
-      {"clamp 10 free -0.1", free_10, Limits(10), paper},
-      {"clamp 5 free -0.1", free_10, Limits(5), paper},
+      {"line free -0.15", line_15, paper, paper},
+      {"line clamp 10 free -0.15", line_15, Limits(10), paper, false, true},
+      {"line clamp 10 cap 4 free -0.15", line_15, Limits(10), Limits(4)},
+      {"line clamp -5 +10 free -0.15", line_15, Limits(-5, 10), paper},
+      {"line clamp 5 free -0.15", line_15, Limits(5), paper},
+      {"line clamp 10 free -0.1", line_10, Limits(10), paper},
+      {"line clamp 5 free -0.1", line_10, Limits(5), paper},
   };
 }
 

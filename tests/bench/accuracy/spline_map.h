@@ -18,9 +18,9 @@ struct Variant {
   ControlLimits scan_limits;  // of what one scan changes in one control point
   bool no_return_is_free = false;
   bool compare_with_peers = false;  // in the table over drives at all resolutions, too
+  bool in_paper_figures = false;
 };
 
-// The first has the paper's parameters.
 std::vector<Variant> Variants();
 
 Method SplineMethod(const Variant& variant);
