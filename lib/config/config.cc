@@ -59,6 +59,18 @@ absl::StatusOr<BearingRange> ParseMask(const std::string& text) {
 
 Utime Milliseconds(double value) { return Utime(std::llround(value * 1000)); }
 
+config::Method WithPreset(const config::Method& method) {
+  config::Method merged;
+  if (method.preset() == "paper") {
+    merged.set_clamp_min(-100);
+    merged.set_clamp_max(100);
+    merged.set_kappa_free(-0.3);
+    merged.set_free_space("samples");
+  }
+  merged.MergeFrom(method);
+  return merged;
+}
+
 ControlPoint ToControlPoint(double log_odds) {
   return static_cast<ControlPoint>(std::lround(log_odds * kUnitsPerLogOdds));
 }
@@ -211,14 +223,18 @@ SensorOptions SensorOptionsOf(const config::Scan& scan, const std::string& prese
 }
 
 MapOptions MapOptionsOf(const config::Method& method) {
-  return {method.knot_interval_m(),
-          {ToControlPoint(method.clamp_min()), ToControlPoint(method.clamp_max())}};
+  const config::Method merged = WithPreset(method);
+  return {merged.knot_interval_m(),
+          {ToControlPoint(merged.clamp_min()), ToControlPoint(merged.clamp_max())}};
 }
 
 BeamModelOptions BeamModelOptionsOf(const config::Method& method) {
-  return {.kappa_hit = method.kappa_hit(),
-          .kappa_free = method.kappa_free(),
-          .free_sample_spacing_knots = method.free_sample_spacing_knots()};
+  const config::Method merged = WithPreset(method);
+  return {.free_space =
+              merged.free_space() == "samples" ? FreeSpace::kSamples : FreeSpace::kLineIntegral,
+          .kappa_hit = merged.kappa_hit(),
+          .kappa_free = merged.kappa_free(),
+          .free_sample_spacing_knots = merged.free_sample_spacing_knots()};
 }
 
 ScanQueueOptions ScanQueueOptionsOf(const config::Timing& timing) {

@@ -7,6 +7,7 @@
 
 #include "lib/config/checked_text.h"
 #include "lib/diagnosis/hit_spread.h"
+#include "lib/geometry/angle.h"
 
 namespace splinemap {
 namespace {
@@ -44,7 +45,7 @@ void PlaceHits(const Scan& scan, const PoseBuffer& poses, std::vector<Eigen::Vec
     const double bearing_rad = world_T_sensor.yaw_rad + double{beam.bearing_rad};
     hits.push_back(world_T_sensor.position_m +
                    double{beam.range_m} *
-                       Eigen::Vector2d(std::cos(bearing_rad), std::sin(bearing_rad)));
+                       UnitVector(bearing_rad));
   }
 }
 

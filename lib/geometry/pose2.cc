@@ -3,6 +3,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "lib/geometry/angle.h"
+
 namespace splinemap {
 
 Pose2 operator*(const Pose2& a_T_b, const Pose2& b_T_c) {
@@ -10,9 +12,9 @@ Pose2 operator*(const Pose2& a_T_b, const Pose2& b_T_c) {
 }
 
 Eigen::Vector2d operator*(const Pose2& a_T_b, const Eigen::Vector2d& p_b) {
-  const double c = std::cos(a_T_b.yaw_rad);
-  const double s = std::sin(a_T_b.yaw_rad);
-  return a_T_b.position_m + Eigen::Vector2d(c * p_b.x() - s * p_b.y(), s * p_b.x() + c * p_b.y());
+  const Eigen::Vector2d x_axis = UnitVector(a_T_b.yaw_rad);
+  return a_T_b.position_m + Eigen::Vector2d(x_axis.x() * p_b.x() - x_axis.y() * p_b.y(),
+                                            x_axis.y() * p_b.x() + x_axis.x() * p_b.y());
 }
 
 double WrapAngle(double angle_rad) {
@@ -26,7 +28,7 @@ Pose2 Interpolate(const Pose2& a, const Pose2& b, double fraction) {
 }
 
 double YawOfQuaternion(double w, double x, double y, double z) {
-  return std::atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z);
+  return AngleOf(w * w + x * x - y * y - z * z, 2 * (w * z + x * y));
 }
 
 }  // namespace splinemap

@@ -2,15 +2,24 @@
 
 #include <array>
 #include <cstdint>
+#include <vector>
 
 #include "absl/types/span.h"
+#include "lib/mapping/free_line_table.h"
 #include "lib/mapping/scan_scratch.h"
 #include "lib/sensing/scan.h"
 
 namespace splinemap {
 
-// Defaults are the paper's.
+// How a beam says that the space before its hit is free.
+enum class FreeSpace {
+  kSamples,       // the paper's (9): at points that lie free_sample_spacing_knots apart
+  kLineIntegral,  // the expectation of that over the phase of the points
+};
+
+// Defaults are the paper's, but for the line integral.
 struct BeamModelOptions {
+  FreeSpace free_space = FreeSpace::kLineIntegral;
   double kappa_hit = 0.9;                   // log-odds that a hit adds to the surface at its point
   double kappa_free = -0.3;                 // log-odds that a free sample adds
   double free_sample_spacing_knots = 1.41;  // distance of the free samples along a beam
@@ -21,31 +30,37 @@ inline constexpr double kMaxKappaHit = 4;
 inline constexpr double kMinKappaFree = -1.5;
 inline constexpr double kMinFreeSampleSpacingKnots = 1;
 
-// Turns placed beams into sums over control points. Section III-A of the paper, sampled: the plain
-// reference that every faster kernel has to equal byte for byte. Immutable.
+// Turns placed beams into sums over control points: section III-A of the paper. Thread-compatible.
 class BeamModel {
  public:
   BeamModel(const BeamModelOptions& options, double knot_interval_m);
 
   // Adds the measurements of all beams to `scratch`: per hit kappa_hit at range r (8), and
-  // kappa_free at every free sample (9), each by the update (35).
-  void Accumulate(absl::Span<const PlacedBeam> beams, ScanScratch& scratch) const;
+  // kappa_free over the free space before it (9), each by the update (35).
+  void Accumulate(absl::Span<const PlacedBeam> beams, ScanScratch& scratch);
 
  private:
   // A position within a knot interval is rounded to 1/256 of it, 0.2 mm for knots 0.05 m apart.
   static constexpr int kPhases = 256;
-  static constexpr int kWeightBits = 12;
   using WeightTable = std::array<std::array<int32_t, 4>, kPhases>;
 
   static WeightTable MakeTable(double scale);
-  void AddMeasurement(const Eigen::Vector2d& point_m, const WeightTable& kappa_weights,
-                      ScanScratch& scratch) const;
+  PointSample SampleAt(const Eigen::Vector2d& point_knots, const WeightTable& kappa_weights) const;
+  void AddFreeSamples(const PlacedBeam& beam);
+  void AddFreeLines(absl::Span<const PlacedBeam> beams, ScanScratch& scratch);
 
-  double knot_interval_m_;
-  double free_sample_spacing_m_;
-  WeightTable weights_;       // NormalizedBasis, fixed point with kWeightBits
+  FreeSpace free_space_;
+  double knots_per_m_;
+  double free_sample_spacing_knots_;
+  WeightTable weights_;       // NormalizedBasis, fixed point with PointSample::kWeightBits
   WeightTable hit_weights_;   // the same times kappa_hit, in units of the scratch
   WeightTable free_weights_;  // and times kappa_free
+  FreeLineTable free_lines_;
+
+  // Of the beams at hand; kept for their memory.
+  std::vector<PointSample> samples_;
+  std::vector<FreeLine> steep_lines_;
+  std::vector<FreeLine> shallow_lines_;
 };
 
 }  // namespace splinemap

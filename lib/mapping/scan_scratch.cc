@@ -1,50 +1,69 @@
 #include "lib/mapping/scan_scratch.h"
 
-#include <algorithm>
+#include <cstring>
 
 namespace splinemap {
 namespace {
 
-// To the nearest unit of a control point, halves to even: no bias, however many scans add up.
-int32_t Round(int32_t sum) {
-  constexpr int32_t kHalf = 1 << (ScanScratch::kFractionBits - 1);
-  const int32_t odd = (sum >> ScanScratch::kFractionBits) & 1;
-  return (sum + kHalf - 1 + odd) >> ScanScratch::kFractionBits;
+// A tile's sums, kStride apart from row to row.
+int32_t* SumsOf(SumBlock& block, int tile) {
+  return block.sums + tile * Tile::kSide * SumBlock::kStride;
 }
 
-bool AnyRoundsToNonzero(const std::array<int32_t, Tile::kSize>& sums) {
-  return std::any_of(sums.begin(), sums.end(), [](int32_t sum) { return Round(sum) != 0; });
+// Finds or makes the sums of a tile, and marks them as touched.
+int32_t* Touch(SumPlane& plane, int32_t tx, int32_t ty) {
+  SumBlock& block = *plane.At(tx, ty >> 2);
+  static_assert(SumBlock::kTiles == 4);
+  block.touched |= 1u << (ty & 3);
+  return SumsOf(block, ty & 3);
+}
+
+// Visits (tx, ty, sums) of the tiles that were touched. Blocks that the visitor adds are left out.
+template <typename Visitor>
+void ForEachTouched(SumPlane& plane, Visitor visit) {
+  const size_t count = plane.size();
+  for (size_t n = 0; n < count; ++n) {
+    SumBlock& block = plane.block(n);
+    for (int tile = 0; tile < SumBlock::kTiles; ++tile) {
+      if ((block.touched >> tile & 1) != 0) {
+        visit(block.tx, block.row * SumBlock::kTiles + tile, SumsOf(block, tile));
+      }
+    }
+  }
 }
 
 }  // namespace
 
-std::array<int32_t, Tile::kSize>& ScanScratch::SumsOf(TileKey key) {
-  if (!index_.empty() && key == last_key_) return tiles_[last_].sums;
-  const auto [place, is_new] = index_.try_emplace(key, index_.size());
-  last_key_ = key;
-  last_ = place->second;
-  if (is_new) {
-    if (last_ == tiles_.size()) tiles_.emplace_back();
-    tiles_[last_].key = key;
-    tiles_[last_].sums.fill(0);
-  }
-  return tiles_[last_].sums;
+int32_t& ScanScratch::At(int32_t i, int32_t j) {
+  return Touch(upright_, i >> 5, j >> 5)[(j & 31) * SumBlock::kStride + (i & 31)];
 }
 
 void ScanScratch::CommitTo(Layer& layer, ControlLimits limits, ControlLimits scan_limits) {
+  MoveAprons(transposed_);
+  MoveTransposedToUpright();
+  MoveAprons(upright_);
   layer.BeginCommit();
-  for (size_t n = 0; n < index_.size(); ++n) {
-    const Sums& scan = tiles_[n];
-    if (!AnyRoundsToNonzero(scan.sums)) continue;
-    Tile& tile = layer.EditTile(scan.key);
-    for (int k = 0; k < Tile::kSize; ++k) {
-      const int32_t sum = Round(scan.sums[k]);
-      if (sum == 0) continue;
-      const int32_t change = std::clamp<int32_t>(sum, scan_limits.min, scan_limits.max);
-      tile.control_points[k] = ClampTouched(tile.control_points[k] + change, limits);
+  ForEachTouched(upright_, [&](int32_t tx, int32_t ty, int32_t* sums) {
+    if (kernel_.has_change(sums)) {
+      kernel_.commit(sums, limits, scan_limits, layer.EditTile({tx, ty}).control_points.data());
+    } else {
+      std::memset(sums, 0, Tile::kSide * SumBlock::kStride * sizeof *sums);
     }
-  }
-  index_.clear();
+  });
+  upright_.Clear();
+}
+
+void ScanScratch::MoveAprons(SumPlane& plane) const {
+  ForEachTouched(plane, [&](int32_t tx, int32_t ty, int32_t* sums) {
+    if (kernel_.has_apron(sums)) kernel_.move_apron(sums, Touch(plane, tx + 1, ty));
+  });
+}
+
+void ScanScratch::MoveTransposedToUpright() {
+  ForEachTouched(transposed_, [&](int32_t tx, int32_t ty, int32_t* sums) {
+    kernel_.move_transposed(sums, Touch(upright_, ty, tx));
+  });
+  transposed_.Clear();
 }
 
 }  // namespace splinemap

@@ -1,13 +1,12 @@
 #pragma once
 
-#include <array>
-#include <cstddef>
 #include <cstdint>
-#include <vector>
 
-#include "absl/container/flat_hash_map.h"
+#include "absl/types/span.h"
 #include "lib/map/layer.h"
 #include "lib/map/tile.h"
+#include "lib/mapping/scan_kernel.h"
+#include "lib/mapping/sum_plane.h"
 
 namespace splinemap {
 
@@ -19,12 +18,26 @@ namespace splinemap {
 // kMaxBeams of them stay within 32 bits.
 class ScanScratch {
  public:
+  explicit ScanScratch(const ScanKernel& kernel = FastestScanKernel()) : kernel_(kernel) {}
+
   // 64 units are one unit of a control point.
-  static constexpr int kFractionBits = 6;
+  static constexpr int kFractionBits = kSumFractionBits;
   static constexpr int kUnitsPerLogOdds = splinemap::kUnitsPerLogOdds << kFractionBits;
 
-  // The sum of control point (i, j). The reference is valid until the next call.
-  int32_t& At(int32_t i, int32_t j) { return SumsOf(TileOf(i, j))[IndexInTile(i, j)]; }
+  // The sum of control point (i, j), as far as At() and AddSamples() made it. The reference is
+  // valid until the next commit.
+  int32_t& At(int32_t i, int32_t j);
+
+  void AddSamples(absl::Span<const PointSample> samples) {
+    kernel_.add_samples(samples.data(), samples.size(), upright_);
+  }
+  // Lines that are steep to the x axis (rows of constant y), and to the y axis.
+  void AddSteepLines(absl::Span<const FreeLine> lines) {
+    kernel_.add_lines(lines.data(), lines.size(), upright_);
+  }
+  void AddShallowLines(absl::Span<const FreeLine> lines) {
+    kernel_.add_lines(lines.data(), lines.size(), transposed_);
+  }
 
   // Adds all sums to the layer as one commit, each rounded once and kept within `scan_limits`, the
   // results clamped to `limits` (36), and clears the scratch. A control point whose sum rounds to 0
@@ -32,17 +45,12 @@ class ScanScratch {
   void CommitTo(Layer& layer, ControlLimits limits, ControlLimits scan_limits = {});
 
  private:
-  struct Sums {
-    TileKey key;
-    std::array<int32_t, Tile::kSize> sums;
-  };
+  void MoveAprons(SumPlane& plane) const;
+  void MoveTransposedToUpright();
 
-  std::array<int32_t, Tile::kSize>& SumsOf(TileKey key);
-
-  absl::flat_hash_map<TileKey, size_t> index_;  // into tiles_
-  std::vector<Sums> tiles_;                     // the first index_.size() are in use
-  TileKey last_key_;
-  size_t last_ = 0;  // tile of last_key_, if index_ is not empty
+  const ScanKernel& kernel_;
+  SumPlane upright_;
+  SumPlane transposed_;  // x and y exchanged
 };
 
 }  // namespace splinemap

@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "lib/base/status.h"
+#include "lib/geometry/angle.h"
 
 namespace splinemap {
 namespace {
@@ -65,7 +66,7 @@ bool HaveUsefulBeamTimes(const RangeReadings& readings) {
 PlacedBeam Place(const Beam& beam, const Pose2& world_T_sensor) {
   const double bearing_world_rad = world_T_sensor.yaw_rad + double{beam.bearing_rad};
   return {world_T_sensor.position_m,
-          {std::cos(bearing_world_rad), std::sin(bearing_world_rad)},
+          UnitVector(bearing_world_rad),
           double{beam.range_m},
           beam.hit};
 }

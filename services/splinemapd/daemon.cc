@@ -33,10 +33,12 @@ double Milliseconds(std::chrono::nanoseconds duration) {
 
 absl::Status CheckMethod(const config::Method& method, const MapOptions& file, std::string path) {
   const MapOptions wanted = MapOptionsOf(method);
+  const bool asks_for_min = method.has_preset() || method.has_clamp_min();
+  const bool asks_for_max = method.has_preset() || method.has_clamp_max();
   const bool fits =
       (!method.has_knot_interval_m() || wanted.knot_interval_m == file.knot_interval_m) &&
-      (!method.has_clamp_min() || wanted.limits.min == file.limits.min) &&
-      (!method.has_clamp_max() || wanted.limits.max == file.limits.max);
+      (!asks_for_min || wanted.limits.min == file.limits.min) &&
+      (!asks_for_max || wanted.limits.max == file.limits.max);
   if (fits) return absl::OkStatus();
   return FailedPrecondition(
       "{} was made with knot_interval_m {}, clamp_min {} and clamp_max {}, and the configuration "

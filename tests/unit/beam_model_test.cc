@@ -21,10 +21,11 @@ PlacedBeam Beam(double x, double y, double bearing_rad, double range_m, bool hit
 }
 
 std::shared_ptr<const MapSnapshot> MapOf(const std::vector<PlacedBeam>& beams,
-                                         BeamModelOptions options = {}) {
+                                         BeamModelOptions options = {},
+                                         const ScanKernel& kernel = FastestScanKernel()) {
   Map map({kKnot, {}});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
-  ScanScratch scratch;
+  ScanScratch scratch(kernel);
   BeamModel(options, kKnot).Accumulate(beams, scratch);
   scratch.CommitTo(layer, map.options().limits);
   return map.Snapshot();
@@ -65,6 +66,13 @@ std::map<std::pair<int, int>, double> PaperSums(const std::vector<PlacedBeam>& b
   return sums;
 }
 
+double ControlPointAt(const MapSnapshot& map, int i, int j) {
+  const TileTree::Entry* entry = map.merged.Find(TileOf(i, j));
+  return entry == nullptr
+             ? 0
+             : entry->tile->control_points[IndexInTile(i, j)] / double{kUnitsPerLogOdds};
+}
+
 TEST(BeamModelTest, OneScanEqualsThePapersSumsToTheLastUnits) {
   std::mt19937_64 random(4);
   std::uniform_real_distribution<double> range(0.05, 12);
@@ -72,16 +80,84 @@ TEST(BeamModelTest, OneScanEqualsThePapersSumsToTheLastUnits) {
   for (int k = 0; k < 360; ++k) {
     beams.push_back(Beam(-1.23, 0.77, k * 0.01745, range(random), k % 5 != 0));
   }
-  const auto map = MapOf(beams);
+  const auto map = MapOf(beams, {.free_space = FreeSpace::kSamples});
   for (const auto& [index, sum] : PaperSums(beams)) {
-    const TileTree::Entry* entry = map->merged.Find(TileOf(index.first, index.second));
-    const double c = entry == nullptr
-                         ? 0
-                         : entry->tile->control_points[IndexInTile(index.first, index.second)] /
-                               double{kUnitsPerLogOdds};
+    const double c = ControlPointAt(*map, index.first, index.second);
     // The phase of each sample is rounded to 1/256 knot; near the sensor hundreds add up.
     const double expected = std::clamp(sum, -100.0, 100.0);
     EXPECT_NEAR(c, expected, 0.012 + 0.004 * std::abs(expected));
+  }
+}
+
+// Samples (9) with the phase as the unknown that it is: the mean over phases of what samples add.
+TEST(BeamModelTest, TheLineIntegralIsTheMeanOfSamplesOverTheirPhase) {
+  const double spacing_m = 1.41 * kKnot;
+  constexpr int kPhases = 50;
+  constexpr int kBeams = 64;
+  for (int n = 0; n < kBeams; ++n) {
+    // Many times the same beam, so that rounding to units of control points does not count.
+    const double bearing_rad = 0.3 + n * 0.0981;
+    const PlacedBeam beam = Beam(0.513, -0.721, bearing_rad, 3, false);
+    const std::vector<PlacedBeam> beams(100, beam);
+    std::vector<PlacedBeam> shifted;
+    for (int phase = 0; phase < kPhases; ++phase) {
+      const double start_m = (phase + 0.5) / kPhases * spacing_m;
+      shifted.push_back(beam);
+      shifted.back().origin_world_m += start_m * beam.direction_world;
+      shifted.back().range_m -= start_m;
+    }
+    const auto expected = PaperSums(shifted);
+    const auto map = MapOf(beams);
+    double total = 0;
+    double expected_total = 0;
+    for (const auto& [index, sum] : expected) {
+      const double mean = sum / kPhases;
+      const double c = ControlPointAt(*map, index.first, index.second) / 100;
+      total += c;
+      expected_total += mean;
+      // Columns and slopes are rounded. Within two knots of its ends the line is cut at a row.
+      const Eigen::Vector2d knot = Eigen::Vector2d(index.first, index.second) * kKnot;
+      const double along_m = (knot - beam.origin_world_m).dot(beam.direction_world);
+      if (along_m < 4 * kKnot || along_m > 3 - 6 * kKnot) continue;
+      EXPECT_NEAR(c, mean, 0.02) << n << ": " << index.first << ", " << index.second;
+    }
+    EXPECT_NEAR(total / expected_total, 1, 0.02) << n;
+  }
+}
+
+std::vector<PlacedBeam> RandomBeams(int count) {
+  std::mt19937_64 random(7);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  std::vector<PlacedBeam> beams;
+  for (int k = 0; k < count; ++k) {
+    // Also straight along the axes, across the origin, short and long.
+    const double bearing_rad = k % 10 == 0 ? k / 10 * std::acos(0.0) : 6.3 * uniform(random);
+    const double range_m = k % 3 == 0 ? 0.3 * uniform(random) : 25 * uniform(random);
+    beams.push_back(
+        Beam(4 * uniform(random) - 2, 4 * uniform(random) - 2, bearing_rad, range_m, k % 4 != 0));
+  }
+  return beams;
+}
+
+void ExpectEqual(const MapSnapshot& a, const MapSnapshot& b) {
+  ASSERT_EQ(a.merged.size(), b.merged.size());
+  a.merged.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    const TileTree::Entry* other = b.merged.Find(key);
+    ASSERT_NE(other, nullptr);
+    EXPECT_EQ(*entry.tile, *other->tile);
+  });
+}
+
+TEST(BeamModelTest, EveryKernelMakesTheBytesOfThePlainOne) {
+  const std::vector<PlacedBeam> beams = RandomBeams(2000);
+  for (const FreeSpace free_space : {FreeSpace::kLineIntegral, FreeSpace::kSamples}) {
+    const BeamModelOptions options{.free_space = free_space};
+    const auto plain = MapOf(beams, options, ScanKernels().front());
+    EXPECT_GT(plain->merged.size(), 500u);
+    for (const ScanKernel& kernel : ScanKernels()) {
+      SCOPED_TRACE(kernel.name);
+      ExpectEqual(*plain, *MapOf(beams, options, kernel));
+    }
   }
 }
 
@@ -95,18 +171,10 @@ TEST(BeamModelTest, ABeamWithoutHitOnlyClears) {
 
 TEST(BeamModelTest, TheOrderOfBeamsDoesNotMatter) {
   std::mt19937_64 random(6);
-  std::uniform_real_distribution<double> uniform(0, 6);
-  std::vector<PlacedBeam> beams;
-  for (int k = 0; k < 200; ++k) {
-    beams.push_back(Beam(uniform(random), uniform(random), uniform(random), uniform(random)));
-  }
+  std::vector<PlacedBeam> beams = RandomBeams(200);
   const auto first = MapOf(beams);
   std::shuffle(beams.begin(), beams.end(), random);
-  const auto second = MapOf(beams);
-  ASSERT_EQ(first->merged.size(), second->merged.size());
-  first->merged.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    EXPECT_EQ(*entry.tile, *second->merged.Find(key)->tile);
-  });
+  ExpectEqual(*first, *MapOf(beams));
 }
 
 // The bound that ScanScratch states: the most beams with the strongest options through one point.
@@ -117,8 +185,12 @@ TEST(BeamModelTest, TheHeaviestScanDoesNotOverflow) {
   const std::vector<PlacedBeam> hits(kMaxBeams, Beam(0.01, 0, 0, 0.04));  // no free sample
   EXPECT_GT(MapOf(hits, strongest)->Evaluate(0.05, 0).log_odds, 99);
   const std::vector<PlacedBeam> free(kMaxBeams, Beam(0, 0, 0.6, 1, false));
-  EXPECT_LT(MapOf(free, strongest)->Evaluate(0.3 * std::cos(0.6), 0.3 * std::sin(0.6)).log_odds,
-            -99);
+  for (const FreeSpace free_space : {FreeSpace::kLineIntegral, FreeSpace::kSamples}) {
+    BeamModelOptions options = strongest;
+    options.free_space = free_space;
+    const auto map = MapOf(free, options);
+    EXPECT_LT(map->Evaluate(0.3 * std::cos(0.6), 0.3 * std::sin(0.6)).log_odds, -99);
+  }
 }
 
 }  // namespace

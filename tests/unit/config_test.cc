@@ -226,19 +226,32 @@ TEST(LoadConfigTest, NamesTheFile) {
   EXPECT_NE(std::string(status.message()).find("bad:2:"), std::string::npos) << status;
 }
 
-TEST(DefaultsTest, AreThoseOfThePaper) {
+TEST(DefaultsTest, AreThoseThatWereMeasured) {
   const config::Config config;
-  EXPECT_EQ(MapOptionsOf(config.method()), MapOptions());
-  EXPECT_EQ(MapOptions().knot_interval_m, 0.05);
-  EXPECT_EQ(MapOptions().limits.max, 100 * kUnitsPerLogOdds);
+  EXPECT_EQ(MapOptionsOf(config.method()).knot_interval_m, 0.05);
+  EXPECT_EQ(MapOptionsOf(config.method()).limits.min, -10 * kUnitsPerLogOdds);
+  EXPECT_EQ(MapOptionsOf(config.method()).limits.max, 10 * kUnitsPerLogOdds);
   const BeamModelOptions beam = BeamModelOptionsOf(config.method());
+  EXPECT_EQ(beam.free_space, FreeSpace::kLineIntegral);
   EXPECT_EQ(beam.kappa_hit, 0.9);
-  EXPECT_EQ(beam.kappa_free, -0.3);
+  EXPECT_EQ(beam.kappa_free, -0.15);
   EXPECT_EQ(beam.free_sample_spacing_knots, 1.41);
   const SensorOptions sensor = SensorOptionsOf({}, "bot_core");
   EXPECT_EQ(sensor.range_min_m, 0.05);
   EXPECT_EQ(sensor.range_max_m, 30);
   EXPECT_FALSE(sensor.no_return_is_free);
+}
+
+TEST(MethodPresetTest, PaperStandsForThePapersValues) {
+  config::Method method;
+  method.set_preset("paper");
+  EXPECT_EQ(MapOptionsOf(method), MapOptions());
+  const BeamModelOptions beam = BeamModelOptionsOf(method);
+  EXPECT_EQ(beam.free_space, FreeSpace::kSamples);
+  EXPECT_EQ(beam.kappa_hit, 0.9);
+  EXPECT_EQ(beam.kappa_free, -0.3);
+  method.set_kappa_free(-0.2);
+  EXPECT_EQ(BeamModelOptionsOf(method).kappa_free, -0.2) << "what is set goes first";
 }
 
 }  // namespace

@@ -205,7 +205,7 @@ Mapped ContentOf(const LayerSnapshot& layer) {
 Mapped MapOf(
     const Log& log, DropCounts& drops,
     const std::function<void(Map&, Mapper&)>& look = [](Map&, Mapper&) {}) {
-  Map map({});
+  Map map(MapOptionsOf(ThreeScanners().method()));
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   Mapper mapper(ThreeScanners(), map.options(), layer);
   for (const Message& message : log) {

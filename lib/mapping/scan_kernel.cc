@@ -1,0 +1,32 @@
+#include "lib/mapping/scan_kernel.h"
+
+namespace splinemap {
+
+namespace plain {
+extern const ScanKernel kScanKernel;
+}
+#ifdef __x86_64__
+namespace avx2 {
+extern const ScanKernel kScanKernel;
+}
+namespace avx512 {
+extern const ScanKernel kScanKernel;
+}
+#endif
+
+const std::vector<ScanKernel>& ScanKernels() {
+  static const std::vector<ScanKernel> kernels = [] {
+    std::vector<ScanKernel> runnable{plain::kScanKernel};
+#ifdef __x86_64__
+    if (__builtin_cpu_supports("avx2")) runnable.push_back(avx2::kScanKernel);
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+        __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {
+      runnable.push_back(avx512::kScanKernel);
+    }
+#endif
+    return runnable;
+  }();
+  return kernels;
+}
+
+}  // namespace splinemap

@@ -1,0 +1,271 @@
+// The body of a ScanKernel, included by one file for each instruction set, which defines
+// SPLINEMAP_KERNEL as the name of its namespace.
+//
+// What is called in here is local to the file, always inlined, or not inline at all: an inline
+// function that the linker took from here into the rest of the program might not run there.
+
+#include <cstdint>
+#ifdef __SSE2__
+#include <immintrin.h>
+#endif
+
+#include "lib/mapping/scan_kernel.h"
+
+namespace splinemap::SPLINEMAP_KERNEL {
+namespace {
+
+// As many sums as a register of the instruction set holds.
+#if defined(__AVX512F__)
+constexpr int kLanes = 16;
+#elif defined(__AVX2__)
+constexpr int kLanes = 8;
+#else
+constexpr int kLanes = 4;
+#endif
+
+// Vectors of GCC and Clang, for every processor.
+using Int32x4 [[gnu::vector_size(16)]] = int32_t;
+using Int32x8 [[gnu::vector_size(32)]] = int32_t;
+using Sums [[gnu::vector_size(4 * kLanes)]] = int32_t;
+using ControlPoints [[gnu::vector_size(2 * kLanes)]] = int16_t;
+
+constexpr int kSide = Tile::kSide;
+constexpr int kStride = SumBlock::kStride;
+constexpr int kBlockShift = 7;
+static_assert(SumBlock::kRows == 1 << kBlockShift);
+
+template <typename Vector>
+Vector Load(const void* from) {
+  Vector vector;
+  __builtin_memcpy(&vector, from, sizeof vector);
+  return vector;
+}
+
+template <typename Vector>
+void Store(Vector vector, void* to) {
+  __builtin_memcpy(to, &vector, sizeof vector);
+}
+
+template <typename Vector>
+void AddTo(Vector vector, int32_t* to) {
+  Store(Load<Vector>(to) + vector, to);
+}
+
+// What the compiler makes of the plain expressions for the following is slow or, in parts, scalar.
+#if defined(__AVX2__)
+bool IsZero(Int32x8 v) {
+  const auto whole = reinterpret_cast<__m256i>(v);
+  return _mm256_testz_si256(whole, whole) != 0;
+}
+#else
+bool IsZero(Int32x4 v) {
+#ifdef __SSE2__
+  const __m128i is_zero = _mm_cmpeq_epi32(reinterpret_cast<__m128i>(v), _mm_setzero_si128());
+  return _mm_movemask_epi8(is_zero) == 0xffff;
+#else
+  return (v[0] | v[1] | v[2] | v[3]) == 0;
+#endif
+}
+bool IsZero(Int32x8 v) {
+  return IsZero(__builtin_shufflevector(v, v, 0, 1, 2, 3) |
+                __builtin_shufflevector(v, v, 4, 5, 6, 7));
+}
+#endif
+#ifdef __AVX512F__
+bool IsZero(Sums v) {
+  const auto whole = reinterpret_cast<__m512i>(v);
+  return _mm512_test_epi32_mask(whole, whole) == 0;
+}
+#endif
+
+Sums Widen(ControlPoints v) {
+#if defined(__SSE2__) && !defined(__AVX2__)
+  const __m128i low = _mm_cvtsi64_si128(reinterpret_cast<int64_t>(v));
+  return reinterpret_cast<Sums>(_mm_srai_epi32(_mm_unpacklo_epi16(low, low), 16));
+#else
+  return __builtin_convertvector(v, Sums);
+#endif
+}
+
+ControlPoints Narrow(Sums v) {
+#if defined(__SSE2__) && !defined(__AVX2__)
+  const auto whole = reinterpret_cast<__m128i>(v);
+  return reinterpret_cast<ControlPoints>(_mm_cvtsi128_si64(_mm_packs_epi32(whole, whole)));
+#elif defined(__AVX2__) && !defined(__AVX512F__)
+  const auto whole = reinterpret_cast<__m256i>(v);
+  const __m256i packed = _mm256_permute4x64_epi64(_mm256_packs_epi32(whole, whole), 0x08);
+  return reinterpret_cast<ControlPoints>(_mm256_castsi256_si128(packed));
+#else
+  return __builtin_convertvector(v, ControlPoints);
+#endif
+}
+
+void Touch(SumBlock& block, int32_t first_row, int32_t last_row) {
+  block.touched |= (2u << (last_row / kSide)) - (1u << (first_row / kSide));
+}
+
+void AddLine(const FreeLine& line, SumPlane& plane) {
+  constexpr int kTileShift = FreeLine::kFractionBits + 5;
+  constexpr uint32_t kTileWidth = uint32_t{1} << kTileShift;
+  constexpr int kPhaseShift = FreeLine::kFractionBits - FreeLine::kPhaseBits;
+  const int32_t* const row_pairs = line.row_pairs;
+  const auto columns_per_row = static_cast<uint32_t>(line.columns_per_row);
+  int64_t column = line.column;
+  int32_t row = line.first_row;
+  int32_t rows = line.rows;
+  while (rows > 0) {
+    SumBlock* block = plane.At(static_cast<int32_t>(column >> kTileShift), row >> kBlockShift);
+    const int32_t row_in_block = row & (SumBlock::kRows - 1);
+    const int32_t rows_left = SumBlock::kRows - row_in_block;
+    int32_t* const begin = block->sums + row_in_block * kStride;
+    const int32_t* const end = begin + (rows_left < rows ? rows_left : rows) * kStride;
+    int32_t* sums = begin;
+    uint32_t x = static_cast<uint32_t>(column) & (kTileWidth - 1);
+    do {
+      const uint32_t phase = (x >> kPhaseShift) & (FreeLine::kPhases - 1);
+      const int32_t* const pair = row_pairs + phase * (2 * FreeLine::kWidth);
+      int32_t* const place = sums + (x >> FreeLine::kFractionBits);
+      AddTo(Load<Int32x8>(pair), place);
+      sums += kStride;
+      x += columns_per_row;
+      if (sums == end) break;
+      AddTo(Load<Int32x8>(pair + FreeLine::kWidth), place + kStride);
+      sums += kStride;
+      x += columns_per_row;
+    } while (sums != end && x < kTileWidth);
+    const auto done = static_cast<int32_t>((sums - begin) / kStride);
+    Touch(*block, row_in_block, row_in_block + done - 1);
+    row += done;
+    rows -= done;
+    column += int64_t{line.columns_per_row} * done;
+  }
+}
+
+void AddLines(const FreeLine* lines, size_t count, SumPlane& plane) {
+  for (size_t n = 0; n < count; ++n) AddLine(lines[n], plane);
+}
+
+void AddSamples(const PointSample* samples, size_t count, SumPlane& plane) {
+  constexpr int kHalf = 1 << (PointSample::kWeightBits - 1);
+  for (size_t n = 0; n < count; ++n) {
+    const PointSample& sample = samples[n];
+    const int32_t tx = sample.i >> 5;
+    const auto x_weights = Load<Int32x4>(sample.x_weights);
+    SumBlock* block = plane.At(tx, sample.j >> kBlockShift);
+    for (int k = 0; k < 4; ++k) {
+      const int32_t row = (sample.j + k) & (SumBlock::kRows - 1);
+      if (row == 0 && k > 0) block = plane.At(tx, (sample.j + k) >> kBlockShift);
+      Touch(*block, row, row);
+      AddTo((x_weights * sample.y_weights[k] + kHalf) >> PointSample::kWeightBits,
+            block->sums + row * kStride + (sample.i & (kSide - 1)));
+    }
+  }
+}
+
+bool HasApron(const int32_t* sums) {
+  Int32x8 any{};
+  for (int row = 0; row < kSide; ++row) any |= Load<Int32x8>(sums + row * kStride + kSide);
+  return !IsZero(any);
+}
+
+void MoveApron(int32_t* from, int32_t* to) {
+  for (int row = 0; row < kSide; ++row) {
+    int32_t* apron = from + row * kStride + kSide;
+    AddTo(Load<Int32x8>(apron), to + row * kStride);
+    Store(Int32x8{}, apron);
+  }
+}
+
+// Exchanges rows and columns.
+void Transpose(Int32x8 (&r)[8]) {
+  Int32x8 t[8];
+  for (int k = 0; k < 8; k += 2) {
+    t[k] = __builtin_shufflevector(r[k], r[k + 1], 0, 8, 2, 10, 4, 12, 6, 14);
+    t[k + 1] = __builtin_shufflevector(r[k], r[k + 1], 1, 9, 3, 11, 5, 13, 7, 15);
+  }
+  for (int k = 0; k < 8; k += 4) {
+    for (int m = 0; m < 2; ++m) {
+      r[k + m] = __builtin_shufflevector(t[k + m], t[k + m + 2], 0, 1, 8, 9, 4, 5, 12, 13);
+      r[k + m + 2] = __builtin_shufflevector(t[k + m], t[k + m + 2], 2, 3, 10, 11, 6, 7, 14, 15);
+    }
+  }
+  for (int k = 0; k < 4; ++k) {
+    t[k] = __builtin_shufflevector(r[k], r[k + 4], 0, 1, 2, 3, 8, 9, 10, 11);
+    t[k + 4] = __builtin_shufflevector(r[k], r[k + 4], 4, 5, 6, 7, 12, 13, 14, 15);
+  }
+  for (int k = 0; k < 8; ++k) r[k] = t[k];
+}
+
+void MoveTransposed(int32_t* from, int32_t* to) {
+  for (int y = 0; y < kSide; y += 8) {
+    for (int x = 0; x < kSide; x += 8) {
+      int32_t* source = from + y * kStride + x;
+      Int32x8 rows[8];
+      for (int k = 0; k < 8; ++k) rows[k] = Load<Int32x8>(source + k * kStride);
+      if (IsZero((rows[0] | rows[1]) | (rows[2] | rows[3]) | (rows[4] | rows[5]) |
+                 (rows[6] | rows[7]))) {
+        continue;
+      }
+      for (int k = 0; k < 8; ++k) Store(Int32x8{}, source + k * kStride);
+      Transpose(rows);
+      for (int k = 0; k < 8; ++k) AddTo(rows[k], to + (x + k) * kStride + y);
+    }
+  }
+}
+
+Sums Rounded(Sums sums) {
+  constexpr int32_t kHalf = 1 << (kSumFractionBits - 1);
+  const Sums odd = (sums >> kSumFractionBits) & 1;
+  return (sums + (kHalf - 1) + odd) >> kSumFractionBits;
+}
+
+bool HasChange(const int32_t* sums) {
+  for (int row = 0; row < kSide; ++row) {
+    for (int k = 0; k < kSide; k += kLanes) {
+      if (!IsZero(Rounded(Load<Sums>(sums + row * kStride + k)))) return true;
+    }
+  }
+  return false;
+}
+
+Sums Clamp(Sums v, ControlLimits limits) {
+  const Sums least = Sums{} + limits.min;
+  const Sums most = Sums{} + limits.max;
+  v = v < least ? least : v;
+  return v > most ? most : v;
+}
+
+// Without a branch for sums that are 0: where they begin and end cannot be foretold.
+void Commit(int32_t* sums, ControlLimits limits, ControlLimits scan_limits,
+            ControlPoint* control_points) {
+  for (int row = 0; row < kSide; ++row) {
+    for (int k = 0; k < kSide; k += kLanes) {
+      int32_t* const some = sums + row * kStride + k;
+      const Sums change = Rounded(Load<Sums>(some));
+      Store(Sums{}, some);
+      const Sums old = Widen(Load<ControlPoints>(control_points));
+      Sums result = Clamp(old + Clamp(change, scan_limits), limits);
+      result = result == 0 ? Sums{} + 1 : result;  // what was touched stays known
+      result = change == 0 ? old : result;
+      Store(Narrow(result), control_points);
+      control_points += kLanes;
+    }
+  }
+}
+
+#define SPLINEMAP_STRING(x) #x
+#define SPLINEMAP_NAME(x) SPLINEMAP_STRING(x)
+
+}  // namespace
+
+extern const ScanKernel kScanKernel;
+const ScanKernel kScanKernel{SPLINEMAP_NAME(SPLINEMAP_KERNEL),
+                             &AddLines,
+                             &AddSamples,
+                             &HasApron,
+                             &MoveApron,
+                             &MoveTransposed,
+                             &HasChange,
+                             &Commit};
+
+}  // namespace splinemap::SPLINEMAP_KERNEL

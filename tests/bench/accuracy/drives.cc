@@ -1,0 +1,113 @@
+#include "tests/bench/accuracy/drives.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <random>
+
+#include "tests/bench/accuracy/score.h"
+#include "tests/bench/accuracy/table.h"
+#include "tests/support/recorded_drive.h"
+#include "tests/support/shared_data.h"
+
+namespace splinemap {
+namespace {
+
+std::vector<std::vector<PlacedBeam>> EveryOther(const std::vector<RecordedScan>& scans,
+                                                size_t first) {
+  std::vector<std::vector<PlacedBeam>> result;
+  for (size_t k = first; k < scans.size(); k += 2) result.push_back(Place(scans[k]));
+  return result;
+}
+
+void AddTestPoints(const std::vector<std::vector<PlacedBeam>>& scans, Drive& drive) {
+  std::mt19937_64 random(1);
+  std::uniform_real_distribution<double> share(0, 1);
+  for (const std::vector<PlacedBeam>& beams : scans) {
+    for (size_t k = 0; k < beams.size(); k += 4) {
+      const PlacedBeam& beam = beams[k];
+      const auto point = [&](double range_m) -> Eigen::Vector2d {
+        return beam.origin_world_m + range_m * beam.direction_world;
+      };
+      if (beam.range_m < kNear_m) continue;
+      drive.hits.push_back(point(beam.range_m));
+      drive.free.push_back(point(share(random) * (beam.range_m - kMargin_m)));
+      drive.free_near.push_back(
+          point(beam.range_m - kNear_m + share(random) * (kNear_m - kMargin_m)));
+    }
+  }
+}
+
+std::vector<RecordedScan> Read(const std::string& path, bool no_return_is_free,
+                               const Effort& effort) {
+  SensorOptions options;
+  options.no_return_is_free = no_return_is_free;
+  absl::StatusOr<std::vector<RecordedScan>> scans = ReadRecordedDrive(path, options);
+  if (!scans.ok()) {
+    fmt::print("{}: {}\n", path, scans.status().ToString());
+    return {};
+  }
+  scans->resize(std::min<size_t>(scans->size(), effort.max_log_scans));
+  return *std::move(scans);
+}
+
+std::vector<double> LogOdds(TestedMap& map, const std::vector<Eigen::Vector2d>& points_m) {
+  std::vector<double> values;
+  values.reserve(points_m.size());
+  for (const Eigen::Vector2d& point_m : points_m) values.push_back(map.LogOdds(point_m));
+  return values;
+}
+
+}  // namespace
+
+std::vector<Drive> ReadDrives(const Effort& effort) {
+  std::vector<std::string> names = {"intel", "freiburg-079", "csail", "aces"};
+  names.resize(effort.drives);
+  std::vector<Drive> drives;
+  for (const std::string& name : names) {
+    const auto path = SharedData("carmen/" + name + "-corrected.log.gz");
+    if (!path) {
+      fmt::print("{}: skipped, the shared data folder with recorded drives is not there\n", name);
+      continue;
+    }
+    const std::vector<RecordedScan> scans = Read(*path, false, effort);
+    Drive drive;
+    drive.name = name;
+    drive.no_return_ignored = EveryOther(scans, 0);
+    drive.no_return_free = EveryOther(Read(*path, true, effort), 0);
+    AddTestPoints(EveryOther(scans, 1), drive);
+    drives.push_back(std::move(drive));
+  }
+  return drives;
+}
+
+std::unique_ptr<TestedMap> MapDrive(const Method& method, const Drive& drive, double resolution_m) {
+  std::unique_ptr<TestedMap> map = method.make(resolution_m);
+  const auto& scans = method.no_return_is_free ? drive.no_return_free : drive.no_return_ignored;
+  for (const std::vector<PlacedBeam>& beams : scans) map->AddScan(beams);
+  return map;
+}
+
+Judgement Judge(TestedMap& map, const Drive& drive) {
+  const std::vector<double> hits = LogOdds(map, drive.hits);
+  const std::vector<double> free = LogOdds(map, drive.free);
+  return {Auc(hits, free), Auc(hits, LogOdds(map, drive.free_near)), MeanLogLikelihood(hits, free)};
+}
+
+void WriteLogs(const std::vector<Method>& methods, const std::vector<Drive>& drives,
+               const std::string& out) {
+  Table table(out + "/logs.csv",
+              {"drive", "method", "resolution_m", "bytes", "auc", "auc_near", "log_likelihood"});
+  for (const Drive& drive : drives) {
+    for (const Method& method : methods) {
+      for (const double resolution_m : {0.05, 0.075, 0.1, 0.15, 0.2}) {
+        const std::unique_ptr<TestedMap> map = MapDrive(method, drive, resolution_m);
+        const Judgement judgement = Judge(*map, drive);
+        table.Row(drive.name, method.name, resolution_m, map->Bytes(), judgement.auc,
+                  judgement.auc_near, judgement.log_likelihood);
+      }
+    }
+  }
+}
+
+}  // namespace splinemap
