@@ -26,6 +26,8 @@ int main(int argc, char** argv) {
   benchmark::Initialize(&count, arguments.data());
   if (benchmark::ReportUnrecognizedArguments(count, arguments.data())) return 2;
 
+  if (quick) benchmark::AddCustomContext("quick", "yes");
+
   const std::vector<Workload> workloads =
       MakeWorkloads(quick ? 40 : std::numeric_limits<int>::max());
   RegisterInsertion(workloads);

@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-#include "lib/map/map.h"
+#include "lib/map/merge_tiles.h"
 #include "tests/bench/speed/benchmarks.h"
 #include "tests/support/random_map.h"
 

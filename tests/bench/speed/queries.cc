@@ -107,6 +107,13 @@ void EvaluateOneByOne(const MapSnapshot& snapshot, absl::Span<const Eigen::Vecto
   }
 }
 
+void EvaluateBatch(const MapSnapshot& snapshot, absl::Span<const Eigen::Vector2d> points) {
+  static std::vector<SurfaceSample> samples(kBatch);
+  snapshot.EvaluateMany(points, absl::MakeSpan(samples));
+  benchmark::DoNotOptimize(samples.data());
+  benchmark::ClobberMemory();
+}
+
 uint64_t LoadRows(const Tile& tile, uint32_t index) {
   uint64_t sum = 0;
   for (int row = 0; row < 4; ++row) {
@@ -152,11 +159,16 @@ void RegisterQueries(size_t num_tiles) {
     benchmark::RegisterBenchmark(
         name.c_str(), [all, query](benchmark::State& state) { TimeBatches(state, *all, query); });
   };
-  const auto evaluate = [map](absl::Span<const Eigen::Vector2d> points) {
+  const auto one_by_one = [map](absl::Span<const Eigen::Vector2d> points) {
     EvaluateOneByOne(map->snapshot(), points);
   };
-  add("queries/random/single", random, evaluate);
-  add("queries/path/single", path, evaluate);
+  const auto batch_of = [map](absl::Span<const Eigen::Vector2d> points) {
+    EvaluateBatch(map->snapshot(), points);
+  };
+  add("queries/random/single", random, one_by_one);
+  add("queries/random/batched", random, batch_of);
+  add("queries/path/single", path, one_by_one);
+  add("queries/path/batched", path, batch_of);
   add("queries/random/limit_of_single", places,
       [map](absl::Span<const RowsPlace> batch) { LoadOneByOne(map->tiles(), batch); });
   add("queries/random/limit_of_batched", places,
