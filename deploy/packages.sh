@@ -13,6 +13,7 @@ TEST_PACKAGES=(
   default-jdk liblcm-java libjchart2d-java libxmlgraphics-commons-java libjide-oss-java xvfb xdotool
 )
 FUZZ_PACKAGES=(clang libclang-rt-14-dev)
+BENCH_PACKAGES=(libbenchmark-dev libmrpt-maps-dev liboctomap-dev python3 python3-matplotlib)
 
 # install_packages ASSUME_YES PACKAGE..: says which are missing and installs them. With ASSUME_YES=no
 # it asks on a terminal first.

@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include "absl/types/span.h"
 #include "lib/map/layer.h"
 #include "lib/map/tile.h"
 #include "lib/map/tile_tree.h"
@@ -29,10 +30,12 @@ struct MapSnapshot {
   // Value, gradient and Hessian of the merged surface at a point of the map frame. Where the
   // coordinates are not finite or beyond kMaxKnotIndex: 0 and not known.
   SurfaceSample Evaluate(double x_m, double y_m) const;
-};
 
-// The sum of tiles in any order, clamped once at the end; null tiles count as zeros.
-Tile MergeTiles(const std::vector<const Tile*>& tiles, ControlLimits limits);
+  // The same for many points, faster, most of all where neighbours follow each other or the map is
+  // larger than the caches. Requires as many samples as points.
+  void EvaluateMany(absl::Span<const Eigen::Vector2d> points_m,
+                    absl::Span<SurfaceSample> samples) const;
+};
 
 // A set of layers over one knot interval. Thread-compatible; snapshots are for other threads.
 class Map {

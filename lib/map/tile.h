@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <compare>
 #include <cstdint>
 #include <optional>
@@ -34,7 +35,13 @@ struct KnotPosition {
 };
 
 // Empty where the coordinate is not finite or out of the range of kMaxKnotIndex.
-std::optional<KnotPosition> LocateKnot(double coordinate_m, double knot_interval_m);
+inline std::optional<KnotPosition> LocateKnot(double coordinate_m, double knot_interval_m) {
+  const double position = coordinate_m / knot_interval_m;
+  if (!(std::abs(position) < kMaxKnotIndex)) return std::nullopt;
+  const auto towards_zero = static_cast<int32_t>(position);
+  const int32_t index = towards_zero - (position < towards_zero ? 1 : 0);
+  return KnotPosition{index, position - index};
+}
 
 // Names the square of control points [32 tx, 32 tx + 32) x [32 ty, 32 ty + 32), for ever the same
 // square of the layer's frame.

@@ -6,7 +6,7 @@ namespace splinemap {
 
 // The 4 x 4 control points around a point, in log-odds: column k belongs to x, row k to y, each as
 // in BasisWeights.
-using ControlPatch = Eigen::Matrix4d;
+using ControlPatch = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
 
 // The surface s at one point and its derivatives in the world frame.
 struct SurfaceSample {

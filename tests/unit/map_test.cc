@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "lib/base/mutex.h"
+#include "lib/map/merge_tiles.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap {
@@ -70,6 +71,43 @@ TEST(MergeTest, WhatCancelsStaysKnown) {
   const Tile merged = MergeTiles({&tiles[0], &tiles[1]}, kLimits);
   EXPECT_EQ(merged.control_points[0], 1);
   EXPECT_EQ(merged.control_points[1], 0);
+}
+
+// The definition.
+Tile SimplyMerged(const std::vector<const Tile*>& tiles, ControlLimits limits) {
+  Tile merged;
+  for (int k = 0; k < Tile::kSize; ++k) {
+    int32_t sum = 0;
+    bool touched = false;
+    for (const Tile* tile : tiles) {
+      if (tile == nullptr) continue;
+      sum += tile->control_points[k];
+      touched |= tile->control_points[k] != 0;
+    }
+    if (touched) merged.control_points[k] = ClampTouched(sum, limits);
+  }
+  return merged;
+}
+
+TEST(MergeTest, EveryMergerGivesTheSameBytes) {
+  std::mt19937_64 random(4);
+  for (const ControlLimits limits : {kLimits, ControlLimits{-3000, 700}}) {
+    for (int count = 0; count <= 9; ++count) {
+      std::vector<Tile> tiles;
+      std::vector<const Tile*> pointers;
+      for (int k = 0; k < count; ++k) tiles.push_back(RandomTile(random));
+      for (const Tile& tile : tiles) pointers.push_back(random() % 5 == 0 ? nullptr : &tile);
+      if (count > 1) {  // some that cancel
+        for (int k = 0; k < 40; ++k) tiles[0].control_points[k] = -tiles[1].control_points[k];
+      }
+      const Tile expected = SimplyMerged(pointers, limits);
+      for (const TileMerger& merger : TileMergers()) {
+        Tile merged;
+        merger.merge(pointers, limits, merged);
+        EXPECT_EQ(merged, expected) << merger.name << ", " << count << " tiles";
+      }
+    }
+  }
 }
 
 // The merged view, kept up incrementally, equals the sum of the layers at every snapshot.
@@ -151,6 +189,57 @@ TEST(MapTest, KnownIsWhereTheNearestControlPointWasTouched) {
   EXPECT_TRUE(snapshot->Evaluate(0.26, 0.54).known);
   EXPECT_FALSE(snapshot->Evaluate(0.24, 0.5).known);
   EXPECT_FALSE(snapshot->Evaluate(0.3, 0.56).known);
+}
+
+// Control points one by one, and the plain code of EvaluatePatch().
+SurfaceSample SimplyEvaluated(const TileTree& tiles, double x_m, double y_m) {
+  constexpr double kKnot = 0.05;
+  const auto x = LocateKnot(x_m, kKnot);
+  const auto y = LocateKnot(y_m, kKnot);
+  if (!x || !y) return {};
+  ControlPatch patch = ControlPatch::Zero();
+  for (int row = 0; row < 4; ++row) {
+    for (int column = 0; column < 4; ++column) {
+      const int32_t i = x->index - 1 + column;
+      const int32_t j = y->index - 1 + row;
+      const TileTree::Entry* entry = tiles.Find(TileOf(i, j));
+      if (entry == nullptr) continue;
+      patch(row, column) =
+          entry->tile->control_points[IndexInTile(i, j)] / double{kUnitsPerLogOdds};
+    }
+  }
+  SurfaceSample sample = EvaluatePatch(patch, x->t, y->t, kKnot);
+  sample.known = patch(y->t < 0.5 ? 1 : 2, x->t < 0.5 ? 1 : 2) != 0;
+  return sample;
+}
+
+TEST(MapTest, ManyPointsAtOnceGiveTheSameBytes) {
+  std::mt19937_64 random(5);
+  Map map({0.05, kLimits});
+  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+  layer.BeginCommit();
+  for (int n = 0; n < 30; ++n) layer.EditTile(RandomKey(random, 3)) = RandomTile(random);
+  const auto snapshot = map.Snapshot();
+  std::uniform_real_distribution<double> coordinate_m(-7, 7);
+  std::vector<Eigen::Vector2d> points_m = {{std::nan(""), 0}, {0, 1e300}, {1e5, 1e5}};
+  while (points_m.size() < 5001) {
+    const double x_m = coordinate_m(random);
+    points_m.emplace_back(x_m, coordinate_m(random));
+  }
+  std::vector<SurfaceSample> samples(points_m.size());
+  snapshot->EvaluateMany(points_m, absl::MakeSpan(samples));
+  int known = 0;
+  for (size_t n = 0; n < points_m.size(); ++n) {
+    const SurfaceSample expected =
+        SimplyEvaluated(snapshot->merged, points_m[n].x(), points_m[n].y());
+    ASSERT_EQ(samples[n].log_odds, expected.log_odds) << points_m[n].transpose();
+    ASSERT_EQ(samples[n].gradient_per_m, expected.gradient_per_m);
+    ASSERT_EQ(samples[n].hessian_per_m2, expected.hessian_per_m2);
+    ASSERT_EQ(samples[n].known, expected.known);
+    known += samples[n].known;
+  }
+  EXPECT_GT(known, 500);
+  EXPECT_LT(known, 4000);
 }
 
 TEST(MapTest, FarAndUndefinedPointsAreUnknown) {

@@ -1,0 +1,341 @@
+"""Prints the report of a run of the benchmarks in Markdown: report.py RESULTS.
+
+RESULTS holds speed.json, written by Google Benchmark, and the tables and plots of accuracy.
+"""
+
+import collections
+import csv
+import json
+import pathlib
+import statistics
+import subprocess
+import sys
+
+PAPER_MS = {"occupancy grid": 16.34, "Gaussian process": 142.60, "spline": 11.48}
+PAPER_WORKLOAD = "simulated_360_beams_3.5_m"
+PEER_PACKAGES = ["libmrpt-maps-dev", "liboctomap-dev", "libbenchmark-dev"]
+TILE_BYTES = 2048
+
+
+class Speed:
+    """Medians over the repetitions of each benchmark."""
+
+    def __init__(self, path):
+        with open(path, encoding="utf-8") as file:
+            data = json.load(file)
+        self.context = data["context"]
+        self.runs = collections.defaultdict(list)
+        for run in data["benchmarks"]:
+            if run["run_type"] == "iteration" and not run.get("error_occurred"):
+                self.runs[run["run_name"].removesuffix("/real_time")].append(run)
+
+    def median(self, name, field):
+        """Of a field of a benchmark; None where either is not there."""
+        values = [run[field] for run in self.runs.get(name, []) if field in run]
+        return statistics.median(values) if values else None
+
+    def seconds(self, name):
+        """CPU time per item; wall time for what is measured in wall time."""
+        rate = self.median(name, "items_per_second")
+        return 1 / rate if rate else None
+
+    def wall_seconds(self, name):
+        """Wall time per item."""
+        runs = [r for r in self.runs.get(name, []) if "items_per_second" in r]
+        if not runs or name.startswith("end_to_end"):
+            return self.seconds(name)
+        return statistics.median(r["real_time"] / r["cpu_time"] / r["items_per_second"] for r in runs)
+
+    def subjects(self, group):
+        """Second parts of the names in a group, in the order of registration."""
+        return list(dict.fromkeys(n.split("/")[1] for n in self.names() if n.startswith(group + "/")))
+
+    def names(self):
+        """Of all benchmarks, in the order of registration, whatever order they ran in."""
+        return sorted(self.runs, key=lambda n: self.runs[n][0].get("family_index", 0))
+
+
+def ratio(a, b):
+    """a / b, or None where one of them is missing."""
+    return a / b if a and b else None
+
+
+def number(value, digits=3):
+    """With so many significant digits; a dash for None."""
+    if value is None:
+        return "-"
+    return f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:,.0f}"
+
+
+def table(header, rows):
+    """A Markdown table."""
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    lines += ["| " + " | ".join(str(cell) for cell in row) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def words(name):
+    """The name of a benchmark as a heading."""
+    return name.replace("_", " ")
+
+
+# ---------------------------------------------------------------- aims
+
+
+def worst_insertion(speed, competitor, sign=1):
+    """The workload with the greatest (sign = 1) ratio of splinemap to a competitor."""
+    ratios = []
+    for workload in speed.subjects("insertion"):
+        base = f"insertion/{workload}/"
+        value = ratio(speed.seconds(base + "splinemap"), speed.seconds(base + competitor))
+        if value:
+            ratios.append((sign * value, workload))
+    return (None, None) if not ratios else (sign * max(ratios)[0], max(ratios)[1])
+
+
+def insertion_aims(speed):
+    """Against MRPT, OctoMap and the limit."""
+    mrpt, where = worst_insertion(speed, "mrpt_simple_beams")
+    yield "a scan no slower than MRPT's grid with simple beams", mrpt, "x", 1.0, where
+    octomap, where = worst_insertion(speed, "octomap")
+    yield "a scan at least 40 times faster than OctoMap (1/40 of its time)", octomap, "x", 1 / 40, where
+    limit, where = worst_insertion(speed, "limit_of_splinemap")
+    yield "a scan at most 4 x the limit", limit, "x", 4.0, where
+
+
+def query_aims(speed):
+    """Random points against loads, and along a path."""
+    for kind in ("single", "batched"):
+        value = ratio(
+            speed.seconds(f"queries/random/{kind}"), speed.seconds(f"queries/random/limit_of_{kind}")
+        )
+        yield f"random points, {kind}: at most 1.5 x the loads alone", value, "x", 1.5, None
+        path = speed.seconds(f"queries/path/{kind}")
+        yield f"points along a path, {kind}: under 15 ns", path and path * 1e9, "ns", 15, None
+
+
+def other_aims(speed):
+    """Merging, growth, memory, end to end."""
+    bandwidth = ratio(
+        speed.median("merging/8_layers/memcpy", "bytes_per_second"),
+        speed.median("merging/8_layers/splinemap", "bytes_per_second"),
+    )
+    yield "merged view of 8 layers: at most 2 x the time of memcpy", bandwidth, "x", 2.0, None
+    for what in ("scan", "scan_and_snapshot"):
+        yield f"{words(what)} flat over the size of the map", growth(speed, what), "x", 1.1, None
+    sizes = speed.subjects("growth")
+    memory = max(speed.median(f"growth/{s}/scan", "bytes_per_tile") or 0 for s in sizes) if sizes else 0
+    yield "memory per tile at most 1.25 x 2 KiB", memory / TILE_BYTES, "x", 1.25, None
+    yield (
+        "`splinemap build` of Freiburg 079 at most 1.5 x the kernel's time",
+        end_to_end(speed), "x", 1.5, None,
+    )  # fmt: skip
+
+
+def growth(speed, what):
+    """The greatest cost over the least, over the sizes of the map."""
+    costs = [speed.seconds(f"growth/{size}/{what}") for size in speed.subjects("growth")]
+    return max(costs) / min(costs) if len(costs) > 1 and all(costs) else None
+
+
+def end_to_end(speed):
+    """Wall time of the program to wall time of the kernel, for the same scans."""
+    return ratio(
+        speed.wall_seconds("end_to_end/freiburg_079/splinemap_build"),
+        speed.wall_seconds("insertion/freiburg_079/splinemap"),
+    )
+
+
+def aims(speed):
+    """Each aim with its figure."""
+    rows = []
+    for aim, value, unit, most, where in [
+        *insertion_aims(speed), *query_aims(speed), *other_aims(speed)
+    ]:  # fmt: skip
+        verdict = "not measured" if value is None else "reached" if value <= most else "not reached"
+        figure = number(value) + ("" if value is None else f" {unit}")
+        if where:
+            figure += f" ({words(where)}, the worst)"
+        rows.append([aim, figure, f"{number(most)} {unit}", verdict])
+    return "## Aims\n\n" + table(["aim", "figure", "at most", ""], rows)
+
+
+# ---------------------------------------------------------------- tables
+
+
+def insertion(speed):
+    """Microseconds per scan, and splinemap's time over each."""
+    workloads = speed.subjects("insertion")
+    names = [n.split("/")[2] for n in speed.names() if n.startswith("insertion/")]
+    rows = []
+    for competitor in dict.fromkeys(names):
+        row = [words(competitor)]
+        for workload in workloads:
+            time = speed.seconds(f"insertion/{workload}/{competitor}")
+            own = speed.seconds(f"insertion/{workload}/splinemap")
+            row.append(f"{number(time and time * 1e6)} ({number(ratio(time, own))} x)")
+        rows.append(row)
+    points = ["control points that a scan changes"]
+    for workload in workloads:
+        points.append(
+            number(speed.median(f"insertion/{workload}/limit_of_splinemap", "points_per_scan"), 4)
+        )
+    return (
+        "## Scan insertion\n\n"
+        "From a scan in memory to committed tiles, into a fresh map: microseconds per scan, and in "
+        "brackets over splinemap's. The limit reads, adds to and writes each control point that the "
+        "scan changes once; in vectors, each half row of a tile.\n\n"
+        + table([""] + [words(w) for w in workloads], rows + [points])
+    )
+
+
+def table_one(speed, results):
+    """The paper's Table I, row by row."""
+    base = f"insertion/{PAPER_WORKLOAD}/"
+    gp_ms = gaussian_process_ms(results / "gp.csv")
+    rows = [
+        ["occupancy grid (here MRPT, simple beams)", "occupancy grid", speed.seconds(base + "mrpt_simple_beams")],
+        ["Gaussian process (here one plain fit, shared out to its scans)", "Gaussian process", gp_ms and gp_ms / 1e3],
+        ["spline (here splinemap)", "spline", speed.seconds(base + "splinemap")],
+        ["spline, the paper's update in C++", "spline", speed.seconds(base + "paper_in_double")],
+    ]  # fmt: skip
+    cells = [
+        [title, number(PAPER_MS[row], 4), number(s and s * 1e3), number(s and PAPER_MS[row] / (s * 1e3))]
+        for title, row, s in rows
+    ]
+    return (
+        "## Table I of the paper\n\n"
+        "Milliseconds per scan of the paper's 360 beams and 3.5 m; the paper's are Python on an "
+        "i5-3317U, in a simulation of its own.\n\n"
+        + table(["", "paper, ms", "here, ms", "times faster"], cells)
+    )
+
+
+def gaussian_process_ms(path):
+    """One fit to points drawn from as few scans as there is a row for, by scan."""
+    if not path.exists():
+        return None
+    with open(path, encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["method"].startswith("GP")]
+    if not rows:
+        return None
+    row = min(rows, key=lambda r: int(r["scans"]))
+    return float(row["map_ms"]) / int(row["scans"])
+
+
+def queries(speed):
+    """Nanoseconds per point."""
+    rows = [
+        [words(name.removeprefix("queries/")), number(speed.seconds(name) * 1e9)]
+        for name in speed.names()
+        if name.startswith("queries/")
+    ]
+    return (
+        "## Queries\n\nValue and gradient, nanoseconds per point. The limit loads four rows of a "
+        "random tile through a flat array of pointers and computes nothing; batched, it prefetches. "
+        "Points of a path are 1 cm apart.\n\n" + table(["", "ns"], rows)
+    )
+
+
+def merging(speed):
+    """Bandwidth."""
+    rows = []
+    for name in speed.names():
+        if name.startswith("merging/"):
+            rate = speed.median(name, "bytes_per_second")
+            rows.append([words(name.removeprefix("merging/")), number(rate / 1e9)])
+    return "## Merged view\n\nBytes read and written, GB/s.\n\n" + table(["", "GB/s"], rows)
+
+
+def growing(speed):
+    """By the size of the map."""
+    rows = []
+    for size in speed.subjects("growth"):
+        base = f"growth/{size}/"
+        rows.append(
+            [number(speed.median(base + "scan", "tiles"), 4)]
+            + [number(speed.seconds(base + what) * 1e6) for what in ("scan", "scan_and_snapshot")]
+            + [number(speed.median(base + "scan", "bytes_per_tile"), 4)]
+        )
+    return "## Size of the map\n\n" + table(
+        ["tiles", "scan, us", "scan and snapshot, us", "bytes per tile"], rows
+    )
+
+
+def program(speed):
+    """The command line tool beside the kernel."""
+    name = "end_to_end/freiburg_079/splinemap_build"
+    build, kernel = speed.wall_seconds(name), speed.wall_seconds("insertion/freiburg_079/splinemap")
+    if build is None or kernel is None:
+        return "## `splinemap build`\n\nNot measured: the recorded drive is not there.\n"
+    scans = speed.median(name, "items_per_second") * speed.median(name, "real_time") / 1e9
+    cpu = speed.median(name, "cpu_s")
+    rows = [
+        ["splinemap build, wall", number(build * scans)],
+        ["splinemap build, processor", number(cpu)],
+        ["kernel, wall", number(kernel * scans)],
+        ["kernel, processor", number(speed.seconds("insertion/freiburg_079/splinemap") * scans)],
+    ]
+    return f"## `splinemap build` of Freiburg 079\n\n{scans:.0f} scans.\n\n" + table(["", "s"], rows)
+
+
+def accuracy(results):
+    """The tables and plots of the accuracy program as they are."""
+    parts = []
+    for path in sorted(results.glob("*.csv")):
+        with open(path, encoding="utf-8") as file:
+            rows = list(csv.reader(file))
+        if rows and len(rows) <= 60:
+            parts.append(f"### {path.name}\n\n" + table(rows[0], rows[1:]))
+    parts += [f"![{p.stem}](results/{p.name})\n" for p in sorted(results.glob("*.png"))]
+    return "## Accuracy\n\n" + "\n".join(parts) if parts else ""
+
+
+# ---------------------------------------------------------------- machine
+
+
+def first_line(*command):
+    """Of what a command prints."""
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    return (result.stdout.splitlines() or ["unknown"])[0]
+
+
+def machine(speed):
+    """What the figures hold for."""
+    with open("/proc/cpuinfo", encoding="utf-8") as file:
+        model = next((l.split(":")[1].strip() for l in file if l.startswith("model name")), "unknown")
+    load = ", ".join(str(round(x, 1)) for x in speed.context.get("load_avg", []))
+    rows = [
+        ["processor", f"{model}, {speed.context['num_cpus']} cores"],
+        ["load average before", load],
+        ["compiler", first_line("c++", "--version")],
+        ["date", speed.context["date"]],
+        ["commit", first_line("git", "describe", "--always", "--dirty")],
+    ]
+    for package in PEER_PACKAGES:
+        rows.append([package, first_line("dpkg-query", "-W", "-f", "${Version}\n", package)])
+    return "## Machine\n\n" + table(["", ""], rows)
+
+
+def main():
+    """Prints all of it."""
+    results = pathlib.Path(sys.argv[1])
+    speed = Speed(results / "speed.json")
+    repetitions = max(len(runs) for runs in speed.runs.values())
+    print(
+        f"# Benchmarks\n\nMedians of {repetitions} interleaved repetitions, one thread; processor "
+        "time where nothing else is said.\n"
+    )
+    if "quick" in speed.context:
+        print("A quick run to see that everything works: its figures say nothing.\n")
+    for section in (aims, insertion):
+        print(section(speed))
+    print(table_one(speed, results))
+    for section in (queries, merging, growing, program):
+        print(section(speed))
+    print(accuracy(results))
+    print(machine(speed))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,27 @@
+#pragma once
+
+#include <vector>
+
+#include "tests/bench/speed/workload.h"
+
+namespace splinemap::bench {
+
+// Each registers benchmarks whose names are SUBJECT/WORKLOAD/COMPETITOR and whose items are those
+// of the subject: scans, points, tiles. Workloads have to outlive their runs.
+
+// Scans into a fresh map: splinemap.
+void RegisterInsertion(const std::vector<Workload>& workloads);
+// The same: MRPT, OctoMap, the paper's update.
+void RegisterPeers(const std::vector<Workload>& workloads);
+// The same: reading, adding to and writing what scans change, and nothing else.
+void RegisterLimit(const std::vector<Workload>& workloads);
+// Points of a large map.
+void RegisterQueries(size_t num_tiles);
+// The sum of eight layers.
+void RegisterMerging(size_t num_tiles);
+// Scans and snapshots in maps of growing size.
+void RegisterGrowth(const Workload& workload, size_t max_tiles);
+// `splinemap build` of a recorded drive.
+void RegisterEndToEnd();
+
+}  // namespace splinemap::bench

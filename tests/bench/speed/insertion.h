@@ -1,0 +1,59 @@
+#pragma once
+
+#include <benchmark/benchmark.h>
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "lib/map/map.h"
+#include "lib/mapping/beam_model.h"
+#include "lib/mapping/scan_scratch.h"
+#include "tests/bench/speed/workload.h"
+
+namespace splinemap::bench {
+
+// What splinemap can be told to do, by the name that it has in benchmarks.
+struct SplineVariant {
+  const char* name;
+  BeamModelOptions options;
+};
+std::vector<SplineVariant> SplineVariants();
+
+// From placed beams on this is the way of a scan through the daemon.
+class SplineMapper {
+ public:
+  explicit SplineMapper(const BeamModelOptions& options)
+      : model_(options, kResolution_m), layer_(&map_.AddLayer({"bench", 1}, {1, 1})) {}
+
+  void Insert(const RecordedScan& scan);
+
+  Map& map() { return map_; }
+  Layer& layer() { return *layer_; }
+
+ private:
+  Map map_{{.knot_interval_m = kResolution_m, .limits = {}}};
+  BeamModel model_;
+  ScanScratch scratch_;
+  std::vector<PlacedBeam> beams_;
+  Layer* layer_;
+};
+
+// Times `insert` (mapper, scan index) over the whole drive, into a fresh map each time; making and
+// freeing maps is not timed.
+template <typename Make, typename Insert>
+void TimeInsertion(benchmark::State& state, const Workload& workload, Make make, Insert insert) {
+  for (auto _ : state) {
+    state.PauseTiming();
+    auto mapper = make();
+    state.ResumeTiming();
+    for (size_t n = 0; n < workload.scans.size(); ++n) insert(*mapper, n);
+    benchmark::ClobberMemory();
+    state.PauseTiming();
+    mapper.reset();
+    state.ResumeTiming();
+  }
+  state.SetItemsProcessed(state.iterations() * static_cast<int64_t>(workload.scans.size()));
+}
+
+}  // namespace splinemap::bench

@@ -1,0 +1,70 @@
+// The merged view of layers that are together far larger than the caches, beside a memcpy that
+// reads and writes as many bytes.
+#include <benchmark/benchmark.h>
+
+#include <array>
+#include <cstring>
+#include <memory>
+#include <random>
+#include <vector>
+
+#include "lib/map/merge_tiles.h"
+#include "tests/bench/speed/benchmarks.h"
+#include "tests/support/random_map.h"
+
+namespace splinemap::bench {
+namespace {
+
+constexpr size_t kLayers = 8;
+
+struct Layers {
+  explicit Layers(size_t num_tiles) {
+    std::mt19937_64 random(1);
+    std::vector<Tile> contents;
+    for (int n = 0; n < 61; ++n) contents.push_back(RandomTile(random));
+    size_t n = 0;
+    for (std::vector<Tile>& layer : tiles) {
+      while (layer.size() < num_tiles) layer.push_back(contents[n++ % contents.size()]);
+    }
+    merged.resize(num_tiles);
+  }
+
+  int64_t bytes() const {
+    return static_cast<int64_t>((kLayers + 1) * merged.size() * sizeof(Tile));
+  }
+
+  std::array<std::vector<Tile>, kLayers> tiles;
+  std::vector<Tile> merged;
+};
+
+void Merge(Layers& layers) {
+  std::vector<const Tile*> tiles(kLayers);
+  for (size_t n = 0; n < layers.merged.size(); ++n) {
+    for (size_t k = 0; k < kLayers; ++k) tiles[k] = &layers.tiles[k][n];
+    layers.merged[n] = MergeTiles(tiles, {});
+  }
+}
+
+}  // namespace
+
+void RegisterMerging(size_t num_tiles) {
+  const auto layers = std::make_shared<Layers>(num_tiles);
+  benchmark::RegisterBenchmark("merging/8_layers/splinemap", [layers](benchmark::State& state) {
+    for (auto _ : state) {
+      Merge(*layers);
+      benchmark::ClobberMemory();
+    }
+    state.SetBytesProcessed(state.iterations() * layers->bytes());
+  });
+  benchmark::RegisterBenchmark("merging/8_layers/memcpy", [layers](benchmark::State& state) {
+    std::vector<char> from(layers->bytes() / 2, 1);
+    std::vector<char> to(from.size());
+    for (auto _ : state) {
+      std::memcpy(to.data(), from.data(), from.size());
+      benchmark::ClobberMemory();
+    }
+    state.SetBytesProcessed(state.iterations() * layers->bytes());
+  });
+}
+
+}  // namespace splinemap::bench

@@ -1,0 +1,178 @@
+// Value and gradient at points of a map that is far larger than the caches.
+#include <benchmark/benchmark.h>
+
+#include <cmath>
+#include <cstring>
+#include <memory>
+#include <numbers>
+#include <random>
+#include <vector>
+
+#include "absl/types/span.h"
+#include "lib/map/map.h"
+#include "tests/bench/speed/benchmarks.h"
+#include "tests/bench/speed/tile_square.h"
+
+namespace splinemap::bench {
+namespace {
+
+constexpr size_t kNumPoints = size_t{1} << 20;
+constexpr size_t kBatch = 1024;
+
+using Points = std::vector<Eigen::Vector2d>;
+
+class QueryMap {
+ public:
+  explicit QueryMap(size_t num_tiles) : square_(num_tiles), map_({kResolution_m, {}}) {
+    square_.CommitTo(map_.AddLayer({"bench", 1}, {1, 1}));
+    snapshot_ = map_.Snapshot();
+    snapshot_->merged.ForEach(
+        [&](TileKey, const TileTree::Entry& entry) { tiles_.push_back(entry.tile.get()); });
+  }
+
+  const MapSnapshot& snapshot() const { return *snapshot_; }
+  double half_width_m() const { return (square_.half() - 1) * Tile::kSide * kResolution_m; }
+
+  const std::vector<const Tile*>& tiles() const { return tiles_; }
+
+ private:
+  TileSquare square_;
+  Map map_;
+  std::shared_ptr<const MapSnapshot> snapshot_;
+  std::vector<const Tile*> tiles_;
+};
+
+Points RandomPoints(double half_width_m) {
+  std::mt19937_64 random(1);
+  std::uniform_real_distribution<double> coordinate_m(-half_width_m, half_width_m);
+  Points points;
+  while (points.size() < kNumPoints) {
+    const double x_m = coordinate_m(random);
+    points.emplace_back(x_m, coordinate_m(random));
+  }
+  return points;
+}
+
+// A winding path through the map, a point every centimetre.
+Points PathPoints(double half_width_m) {
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> turn_rad(0, 0.02);
+  Points points;
+  Eigen::Vector2d point_m(0, 0);
+  double yaw_rad = 0;
+  while (points.size() < kNumPoints) {
+    points.push_back(point_m);
+    yaw_rad += turn_rad(random);
+    if (point_m.lpNorm<Eigen::Infinity>() > half_width_m - 1) {
+      yaw_rad = std::atan2(-point_m.y(), -point_m.x());
+    }
+    point_m += 0.01 * Eigen::Vector2d(std::cos(yaw_rad), std::sin(yaw_rad));
+  }
+  return points;
+}
+
+// Where the four rows begin that a random point needs, all in one tile.
+struct RowsPlace {
+  uint32_t tile = 0;  // in QueryMap::tiles()
+  uint32_t index = 0;
+};
+
+std::vector<RowsPlace> RandomPlaces(size_t num_tiles) {
+  std::mt19937_64 random(1);
+  std::vector<RowsPlace> places;
+  while (places.size() < kNumPoints) {
+    const auto tile = static_cast<uint32_t>(random() % num_tiles);
+    const auto i = static_cast<int32_t>(random() % (Tile::kSide - 3));
+    const auto j = static_cast<int32_t>(random() % (Tile::kSide - 3));
+    places.push_back({tile, static_cast<uint32_t>(IndexInTile(i, j))});
+  }
+  return places;
+}
+
+// Times `query` of one batch of `all` after the other.
+template <typename T, typename Query>
+void TimeBatches(benchmark::State& state, const std::vector<T>& all, Query query) {
+  size_t begin = 0;
+  for (auto _ : state) {
+    query(absl::MakeConstSpan(all).subspan(begin, kBatch));
+    begin = (begin + kBatch) % all.size();
+  }
+  state.SetItemsProcessed(state.iterations() * static_cast<int64_t>(kBatch));
+}
+
+void EvaluateOneByOne(const MapSnapshot& snapshot, absl::Span<const Eigen::Vector2d> points) {
+  for (const Eigen::Vector2d& point : points) {
+    SurfaceSample sample = snapshot.Evaluate(point.x(), point.y());
+    benchmark::DoNotOptimize(sample);
+  }
+}
+
+void EvaluateBatch(const MapSnapshot& snapshot, absl::Span<const Eigen::Vector2d> points) {
+  static std::vector<SurfaceSample> samples(kBatch);
+  snapshot.EvaluateMany(points, absl::MakeSpan(samples));
+  benchmark::DoNotOptimize(samples.data());
+  benchmark::ClobberMemory();
+}
+
+uint64_t LoadRows(const Tile& tile, uint32_t index) {
+  uint64_t sum = 0;
+  for (int row = 0; row < 4; ++row) {
+    uint64_t four_control_points;
+    std::memcpy(&four_control_points, &tile.control_points[index + row * Tile::kSide],
+                sizeof(four_control_points));
+    sum += four_control_points;
+  }
+  return sum;
+}
+
+// The limit: tiles through a flat array of pointers, and nothing computed.
+void LoadOneByOne(const std::vector<const Tile*>& tiles, absl::Span<const RowsPlace> places) {
+  for (const RowsPlace& place : places) {
+    uint64_t sum = LoadRows(*tiles[place.tile], place.index);
+    benchmark::DoNotOptimize(sum);
+  }
+}
+
+void LoadPrefetched(const std::vector<const Tile*>& tiles, absl::Span<const RowsPlace> places) {
+  constexpr size_t kAhead = 8;
+  for (size_t n = 0; n < places.size(); ++n) {
+    if (n + kAhead < places.size()) {
+      const RowsPlace& next = places[n + kAhead];
+      const ControlPoint* row = &tiles[next.tile]->control_points[next.index];
+      for (int k = 0; k < 4; ++k) __builtin_prefetch(row + k * Tile::kSide);
+    }
+    uint64_t sum = LoadRows(*tiles[places[n].tile], places[n].index);
+    benchmark::DoNotOptimize(sum);
+  }
+}
+
+}  // namespace
+
+void RegisterQueries(size_t num_tiles) {
+  const auto map = std::make_shared<const QueryMap>(num_tiles);
+  const auto random = std::make_shared<const Points>(RandomPoints(map->half_width_m()));
+  const auto path = std::make_shared<const Points>(PathPoints(map->half_width_m()));
+  const auto places =
+      std::make_shared<const std::vector<RowsPlace>>(RandomPlaces(map->tiles().size()));
+
+  const auto add = [](const std::string& name, auto all, auto query) {
+    benchmark::RegisterBenchmark(
+        name.c_str(), [all, query](benchmark::State& state) { TimeBatches(state, *all, query); });
+  };
+  const auto one_by_one = [map](absl::Span<const Eigen::Vector2d> points) {
+    EvaluateOneByOne(map->snapshot(), points);
+  };
+  const auto batch_of = [map](absl::Span<const Eigen::Vector2d> points) {
+    EvaluateBatch(map->snapshot(), points);
+  };
+  add("queries/random/single", random, one_by_one);
+  add("queries/random/batched", random, batch_of);
+  add("queries/path/single", path, one_by_one);
+  add("queries/path/batched", path, batch_of);
+  add("queries/random/limit_of_single", places,
+      [map](absl::Span<const RowsPlace> batch) { LoadOneByOne(map->tiles(), batch); });
+  add("queries/random/limit_of_batched", places,
+      [map](absl::Span<const RowsPlace> batch) { LoadPrefetched(map->tiles(), batch); });
+}
+
+}  // namespace splinemap::bench
