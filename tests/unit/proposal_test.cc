@@ -192,7 +192,8 @@ TEST_F(ProposalTest, TheTransformOnAChannelIsWhereTheSensorSits) {
   ASSERT_TRUE(with.ok()) << with.status();
   EXPECT_EQ(with->pose, "SLAM");
   EXPECT_EQ(with->cautions, std::vector<std::string>());
-  EXPECT_EQ(with->scan_flags, std::vector<std::string>{"LIDAR,extrinsics_channel=MOUNT"});
+  EXPECT_EQ(with->scan_flags,
+            std::vector<std::string>{"LIDAR:michigan_2014,extrinsics_channel=MOUNT"});
   EXPECT_LT(with->trials[1].flags->spread_given, 0.8 * without->trials[1].flags->spread);
 }
 
