@@ -111,7 +111,8 @@ echo "memory after two seconds: $least to $most kB"
 
 # What was sent is received or lost, what is received is a scan, a pose or dropped by overload, and a
 # scan is mapped, dropped for a reason or waits.
-((missing >= 0 && missing <= lost)) ||
+# Some of the broken fragments make a message all the same, by accident.
+((missing <= lost && -missing <= $(jq .kinds.broken_fragment flood.json))) ||
   fail "$missing messages are missing, and the socket lost $lost"
 (($(of .problems.lost_datagrams) == lost)) ||
   fail "the daemon counted $(of .problems.lost_datagrams) lost datagrams of $lost"
@@ -129,6 +130,6 @@ says "$lost" "datagrams were lost"
 if splinemap diff live.splinemap quiet.splinemap; then
   echo "flood: the map is that of the quiet build"
 else
-  ((overload + missing > 0)) || fail "another map than that of the quiet build, and nothing was lost on the way"
-  echo "flood: another map than that of the quiet build; $overload messages were dropped and $missing lost, counted and said"
+  ((overload + lost > 0)) || fail "another map than that of the quiet build, and nothing was lost on the way"
+  echo "flood: another map than that of the quiet build; $overload messages were dropped and $lost datagrams lost, counted and said"
 fi
