@@ -1,6 +1,6 @@
 """Prints the report of a run of the benchmarks in Markdown: report.py RESULTS.
 
-RESULTS holds speed.json, written by Google Benchmark, and the tables and plots of accuracy.
+RESULTS holds speed_SUBJECT.json, written by Google Benchmark, and the tables and plots of accuracy.
 """
 
 import collections
@@ -15,19 +15,24 @@ PAPER_MS = {"occupancy grid": 16.34, "Gaussian process": 142.60, "spline": 11.48
 PAPER_WORKLOAD = "simulated_360_beams_3.5_m"
 PEER_PACKAGES = ["libmrpt-maps-dev", "liboctomap-dev", "libbenchmark-dev"]
 TILE_BYTES = 2048
+ACCURACY_TABLES = ["fig3", "fig5", "logs", "defaults", "door", "gp"]
 
 
 class Speed:
     """Medians over the repetitions of each benchmark."""
 
-    def __init__(self, path):
-        with open(path, encoding="utf-8") as file:
-            data = json.load(file)
-        self.context = data["context"]
+    def __init__(self, paths):
         self.runs = collections.defaultdict(list)
-        for run in data["benchmarks"]:
-            if run["run_type"] == "iteration" and not run.get("error_occurred"):
-                self.runs[run["run_name"].removesuffix("/real_time")].append(run)
+        self.order = {}  # as the benchmarks were registered, whatever order they ran in
+        for place, path in enumerate(sorted(paths, key=lambda p: p.stat().st_mtime)):
+            with open(path, encoding="utf-8") as file:
+                data = json.load(file)
+            self.context = data["context"]
+            for run in data["benchmarks"]:
+                if run["run_type"] == "iteration" and not run.get("error_occurred"):
+                    name = run["run_name"].removesuffix("/real_time")
+                    self.runs[name].append(run)
+                    self.order[name] = (place, run["family_index"])
 
     def median(self, name, field):
         """Of a field of a benchmark; None where either is not there."""
@@ -47,12 +52,12 @@ class Speed:
         return statistics.median(r["real_time"] / r["cpu_time"] / r["items_per_second"] for r in runs)
 
     def subjects(self, group):
-        """Second parts of the names in a group, in the order of registration."""
+        """Second parts of the names in a group, in order."""
         return list(dict.fromkeys(n.split("/")[1] for n in self.names() if n.startswith(group + "/")))
 
     def names(self):
-        """Of all benchmarks, in the order of registration, whatever order they ran in."""
-        return sorted(self.runs, key=lambda n: self.runs[n][0].get("family_index", 0))
+        """Of all benchmarks, in order."""
+        return sorted(self.runs, key=self.order.get)
 
 
 def ratio(a, b):
@@ -282,11 +287,13 @@ def program(speed):
 def accuracy(results):
     """The tables and plots of the accuracy program as they are."""
     parts = []
-    for path in sorted(results.glob("*.csv")):
+    for name in ACCURACY_TABLES:
+        path = results / f"{name}.csv"
+        if not path.exists():
+            continue
         with open(path, encoding="utf-8") as file:
             rows = list(csv.reader(file))
-        if rows and len(rows) <= 60:
-            parts.append(f"### {path.name}\n\n" + table(rows[0], rows[1:]))
+        parts.append(f"### {name}\n\n" + table(rows[0], rows[1:]))
     parts += [f"![{p.stem}](results/{p.name})\n" for p in sorted(results.glob("*.png"))]
     return "## Accuracy\n\n" + "\n".join(parts) if parts else ""
 
@@ -320,7 +327,7 @@ def machine(speed):
 def main():
     """Prints all of it."""
     results = pathlib.Path(sys.argv[1])
-    speed = Speed(results / "speed.json")
+    speed = Speed(results.glob("speed_*.json"))
     repetitions = max(len(runs) for runs in speed.runs.values())
     print(
         f"# Benchmarks\n\nMedians of {repetitions} interleaved repetitions, one thread; processor "

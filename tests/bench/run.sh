@@ -36,18 +36,22 @@ install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" "${TEST_PACKAGES[@]}" "${B
 cmake --build --preset bench
 
 out=build/bench/results
+rm -rf "$out"
 mkdir -p "$out"
 programs=build/bench/tests/bench
+python=/usr/bin/python3  # the one that Debian's matplotlib is for
 
 min_time=0.5
 ((${#quick[@]})) && min_time=0.005
-"$programs/speed/speed" "${quick[@]}" --benchmark_repetitions="$repetitions" \
-  --benchmark_min_time="$min_time" --benchmark_enable_random_interleaving=true \
-  --benchmark_out="$out/speed.json" --benchmark_out_format=json
+subjects=(insertion/simulated_{360_beams_3.5_m,1440_beams_25_m} queries merging growth)
+[[ -d ../shared/data ]] && subjects=(insertion/{intel,freiburg_079} "${subjects[@]}")
+for subject in "${subjects[@]}"; do
+  "$programs/speed/speed" "$subject" "${quick[@]}" --benchmark_repetitions="$repetitions" \
+    --benchmark_min_time="$min_time" --benchmark_enable_random_interleaving=true \
+    --benchmark_out="$out/speed_${subject//\//_}.json" --benchmark_out_format=json
+done
 
-if [[ -x $programs/accuracy/accuracy ]]; then
-  "$programs/accuracy/accuracy" "${quick[@]}" --out "$out"
-  python3 tests/bench/accuracy/plot.py "$out"
-fi
-python3 tests/bench/report.py "$out" > build/bench/report.md
+"$programs/accuracy/accuracy" "${quick[@]}" --out "$out"
+"$python" tests/bench/accuracy/plot.py "$out"
+"$python" tests/bench/report.py "$out" > build/bench/report.md
 echo "build/bench/report.md"

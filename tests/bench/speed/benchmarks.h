@@ -1,20 +1,18 @@
 #pragma once
 
-#include <vector>
-
 #include "tests/bench/speed/workload.h"
 
 namespace splinemap::bench {
 
 // Each registers benchmarks whose names are SUBJECT/WORKLOAD/COMPETITOR and whose items are those
-// of the subject: scans, points, tiles. Workloads have to outlive their runs.
+// of the subject: scans, points, tiles. The workload outlives the run.
 
 // Scans into a fresh map: splinemap.
-void RegisterInsertion(const std::vector<Workload>& workloads);
+void RegisterInsertion(const Workload& workload);
 // The same: MRPT, OctoMap, the paper's update.
-void RegisterPeers(const std::vector<Workload>& workloads);
+void RegisterPeers(const Workload& workload);
 // The same: reading, adding to and writing what scans change, and nothing else.
-void RegisterLimit(const std::vector<Workload>& workloads);
+void RegisterLimit(const Workload& workload);
 // Points of a large map.
 void RegisterQueries(size_t num_tiles);
 // The sum of eight layers.

@@ -8,6 +8,11 @@ std::vector<SplineVariant> SplineVariants() {
   return {{"splinemap", {}}, {"splinemap_samples", {.free_space = FreeSpace::kSamples}}};
 }
 
+void SplineMapper::Clear() {
+  map_ = Map({.knot_interval_m = kResolution_m, .limits = {}});
+  layer_ = &map_.AddLayer({"bench", 1}, {1, 1});
+}
+
 void SplineMapper::Insert(const RecordedScan& scan) {
   beams_.clear();
   for (const Beam& beam : scan.scan.beams) beams_.push_back(Place(beam, scan.world_T_sensor));
@@ -15,28 +20,26 @@ void SplineMapper::Insert(const RecordedScan& scan) {
   scratch_.CommitTo(*layer_, map_.options().limits);
 }
 
-void RegisterInsertion(const std::vector<Workload>& workloads) {
-  for (const Workload& workload : workloads) {
-    for (const SplineVariant& variant : SplineVariants()) {
-      const std::string name = "insertion/" + workload.name + "/" + variant.name;
-      const auto make = [options = variant.options] {
-        return std::make_unique<SplineMapper>(options);
-      };
-      benchmark::RegisterBenchmark(name.c_str(), [&workload, make](benchmark::State& state) {
-        TimeInsertion(state, workload, make, [&workload](SplineMapper& mapper, size_t n) {
-          mapper.Insert(workload.scans[n]);
-        });
+void RegisterInsertion(const Workload& workload) {
+  for (const SplineVariant& variant : SplineVariants()) {
+    const std::string name = "insertion/" + workload.name + "/" + variant.name;
+    const auto make = [options = variant.options] {
+      return std::make_unique<SplineMapper>(options);
+    };
+    benchmark::RegisterBenchmark(name.c_str(), [&workload, make](benchmark::State& state) {
+      TimeInsertion(state, workload, make, [&workload](SplineMapper& mapper, size_t n) {
+        mapper.Insert(workload.scans[n]);
       });
-      // As for a subscriber of every commit.
-      benchmark::RegisterBenchmark(
-          (name + "_with_snapshots").c_str(), [&workload, make](benchmark::State& state) {
-            std::shared_ptr<const MapSnapshot> snapshot;
-            TimeInsertion(state, workload, make, [&](SplineMapper& mapper, size_t n) {
-              mapper.Insert(workload.scans[n]);
-              snapshot = mapper.map().Snapshot();
-            });
+    });
+    // As for a subscriber of every commit.
+    benchmark::RegisterBenchmark(
+        (name + "_with_snapshots").c_str(), [&workload, make](benchmark::State& state) {
+          std::shared_ptr<const MapSnapshot> snapshot;
+          TimeInsertion(state, workload, make, [&](SplineMapper& mapper, size_t n) {
+            mapper.Insert(workload.scans[n]);
+            snapshot = mapper.map().Snapshot();
           });
-    }
+        });
   }
 }
 

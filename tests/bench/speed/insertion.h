@@ -23,20 +23,23 @@ std::vector<SplineVariant> SplineVariants();
 // From placed beams on this is the way of a scan through the daemon.
 class SplineMapper {
  public:
-  explicit SplineMapper(const BeamModelOptions& options)
-      : model_(options, kResolution_m), layer_(&map_.AddLayer({"bench", 1}, {1, 1})) {}
+  explicit SplineMapper(const BeamModelOptions& options) : model_(options, kResolution_m) {
+    Clear();
+  }
 
+  // Begins with an empty map again.
+  void Clear();
   void Insert(const RecordedScan& scan);
 
   Map& map() { return map_; }
   Layer& layer() { return *layer_; }
 
  private:
-  Map map_{{.knot_interval_m = kResolution_m, .limits = {}}};
+  Map map_{{}};
   BeamModel model_;
   ScanScratch scratch_;
   std::vector<PlacedBeam> beams_;
-  Layer* layer_;
+  Layer* layer_ = nullptr;
 };
 
 // Times `insert` (mapper, scan index) over the whole drive, into a fresh map each time; making and

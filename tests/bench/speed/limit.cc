@@ -59,8 +59,9 @@ void Append(size_t number, const Tile& tile, Changes& changes) {
 Changes ChangesOf(const Workload& workload, const BeamModelOptions& options) {
   Changes changes;
   absl::flat_hash_map<TileKey, size_t> numbers;
+  SplineMapper mapper(options);
   for (const RecordedScan& scan : workload.scans) {
-    SplineMapper mapper(options);
+    mapper.Clear();
     mapper.Insert(scan);
     mapper.layer().tiles().ForEach([&](TileKey key, const TileTree::Entry& entry) {
       Append(numbers.try_emplace(key, numbers.size()).first->second, *entry.tile, changes);
@@ -115,18 +116,16 @@ void TimeLimit(benchmark::State& state, const Changes& changes,
 
 }  // namespace
 
-void RegisterLimit(const std::vector<Workload>& workloads) {
-  for (const Workload& workload : workloads) {
-    for (const SplineVariant& variant : SplineVariants()) {
-      const auto changes = std::make_shared<Changes>(ChangesOf(workload, variant.options));
-      const std::string name = "insertion/" + workload.name + "/limit_of_" + variant.name;
-      benchmark::RegisterBenchmark(name.c_str(), [changes](benchmark::State& state) {
-        TimeLimit(state, *changes, AddPoints);
-      });
-      benchmark::RegisterBenchmark(
-          (name + "_in_vectors").c_str(),
-          [changes](benchmark::State& state) { TimeLimit(state, *changes, AddVectors); });
-    }
+void RegisterLimit(const Workload& workload) {
+  for (const SplineVariant& variant : SplineVariants()) {
+    const auto changes = std::make_shared<Changes>(ChangesOf(workload, variant.options));
+    const std::string name = "insertion/" + workload.name + "/limit_of_" + variant.name;
+    benchmark::RegisterBenchmark(name.c_str(), [changes](benchmark::State& state) {
+      TimeLimit(state, *changes, AddPoints);
+    });
+    benchmark::RegisterBenchmark(
+        (name + "_in_vectors").c_str(),
+        [changes](benchmark::State& state) { TimeLimit(state, *changes, AddVectors); });
   }
 }
 

@@ -117,12 +117,10 @@ void RegisterPaper(const Workload& workload) {
 
 }  // namespace
 
-void RegisterPeers(const std::vector<Workload>& workloads) {
-  for (const Workload& workload : workloads) {
-    RegisterMrpt(workload);
-    RegisterOctomap(workload);
-    RegisterPaper(workload);
-  }
+void RegisterPeers(const Workload& workload) {
+  RegisterMrpt(workload);
+  RegisterOctomap(workload);
+  RegisterPaper(workload);
 }
 
 }  // namespace splinemap::bench

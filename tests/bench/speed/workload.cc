@@ -86,13 +86,15 @@ Workload Simulate(const Lidar& lidar, int max_scans) {
 
 }  // namespace
 
-std::vector<Workload> MakeWorkloads(int max_scans) {
-  std::vector<Workload> workloads;
+std::optional<Workload> MakeWorkload(const std::string& name, int max_scans) {
   for (const Recording& recording : kRecordings) {
-    if (auto workload = Load(recording, max_scans)) workloads.push_back(std::move(*workload));
+    if (name == recording.name) return Load(recording, max_scans);
   }
-  for (const Lidar& lidar : kLidars) workloads.push_back(Simulate(lidar, max_scans));
-  return workloads;
+  for (const Lidar& lidar : kLidars) {
+    if (name == lidar.name) return Simulate(lidar, max_scans);
+  }
+  std::fprintf(stderr, "there is no workload %s\n", name.c_str());
+  return std::nullopt;
 }
 
 Eigen::AlignedBox2d BoundsOf(const Workload& workload) {

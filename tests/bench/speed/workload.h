@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,9 +21,10 @@ struct Workload {
   std::vector<RecordedScan> scans;
 };
 
-// Two recorded drives, left out in words where the shared data folder is not there, and two
-// simulated ones. At most `max_scans` of each.
-std::vector<Workload> MakeWorkloads(int max_scans);
+// intel, freiburg_079: recorded drives; simulated_360_beams_3.5_m (the paper's lidar),
+// simulated_1440_beams_25_m: a simulated one in an office. At most `max_scans`. Nothing, and a line
+// on stderr, for another name and where the shared data folder is not there.
+std::optional<Workload> MakeWorkload(const std::string& name, int max_scans);
 
 // What the beams of all scans cover, and a metre around.
 Eigen::AlignedBox2d BoundsOf(const Workload& workload);
