@@ -27,8 +27,8 @@ Difference Compare(const TileTree& a, const TileTree& b) {
     }
   };
   a.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    const TileTree::Entry* other = b.Find(key);
-    compare(*entry.tile, other == nullptr ? kZeros : *other->tile);
+    const Tile* other = b.Find(key);
+    compare(*entry.tile, other == nullptr ? kZeros : *other);
   });
   b.ForEach([&](TileKey key, const TileTree::Entry& entry) {
     if (a.Find(key) == nullptr) compare(*entry.tile, kZeros);

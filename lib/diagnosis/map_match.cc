@@ -16,9 +16,8 @@ ControlPoint NearestControlPoint(const Eigen::Vector2d& point_m, const TileTree&
   const auto x = LocateKnot(point_m.x() + knot_interval_m / 2, knot_interval_m);
   const auto y = LocateKnot(point_m.y() + knot_interval_m / 2, knot_interval_m);
   if (!x || !y) return 0;
-  const TileTree::Entry* entry = tiles.Find(TileOf(x->index, y->index));
-  return entry == nullptr ? ControlPoint{0}
-                          : entry->tile->control_points[IndexInTile(x->index, y->index)];
+  const Tile* tile = tiles.Find(TileOf(x->index, y->index));
+  return tile == nullptr ? ControlPoint{0} : tile->control_points[IndexInTile(x->index, y->index)];
 }
 
 }  // namespace

@@ -6,8 +6,7 @@
 namespace splinemap {
 
 void Layer::RestoreTile(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision) {
-  const TileTree::Entry* present = tiles().Find(key);
-  if (present != nullptr && present->revision >= revision) return;
+  if (tiles().Find(key) != nullptr && tiles().RevisionOf(key) >= revision) return;
   tiles_.Put(key, std::move(tile), revision);
   RestoreRevision(revision);
 }

@@ -41,10 +41,7 @@ void Map::UpdateMerged(const std::vector<LayerSnapshot>& layers) {
   std::vector<const Tile*> tiles;
   for (const TileKey& key : changed) {
     tiles.clear();
-    for (const LayerSnapshot& layer : layers) {
-      const TileTree::Entry* entry = layer.tiles.Find(key);
-      tiles.push_back(entry == nullptr ? nullptr : entry->tile.get());
-    }
+    for (const LayerSnapshot& layer : layers) tiles.push_back(layer.tiles.Find(key));
     merged_.Edit(key, 0) = MergeTiles(tiles, options_.limits);
   }
 }

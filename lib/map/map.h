@@ -27,9 +27,12 @@ struct MapSnapshot {
   // merged[k] = clamp(sum of layers[k]). Revisions belong to layers; those in here say nothing.
   TileTree merged;
 
-  // Value, gradient and Hessian of the merged surface at a point of the map frame. Where the
-  // coordinates are not finite or beyond kMaxKnotIndex: 0 and not known.
+  // Value and gradient of the merged surface at a point of the map frame. Where the coordinates are
+  // not finite or beyond kMaxKnotIndex: 0 and not known.
   SurfaceSample Evaluate(double x_m, double y_m) const;
+
+  // The second derivatives of log-odds there, per square metre.
+  Eigen::Matrix2d Hessian(double x_m, double y_m) const;
 
   // The same for many points, faster, most of all where neighbours follow each other or the map is
   // larger than the caches. Requires as many samples as points.

@@ -3,174 +3,205 @@
 #include <cstring>
 
 #include "lib/map/map.h"
-#include "lib/spline/patch_kernel.h"
+#include "lib/map/point_kernel.h"
 
 namespace splinemap {
 namespace {
 
 constexpr Tile kUntouched;
 
-// The 4 x 4 control points around a point, row-major.
-struct Patch {
-  ControlPoint control_points[16];
-};
-
-// Where a point lies among the knots.
-struct Place {
-  int32_t i;  // of the first control point of the patch
-  int32_t j;
-  double t_x;
-  double t_y;
-  bool is_on_map;  // else the rest says nothing
-};
-
-inline void Locate(double x_m, double y_m, double knot_interval_m, Place& place) {
-  const auto x = LocateKnot(x_m, knot_interval_m);
-  const auto y = LocateKnot(y_m, knot_interval_m);
-  place.is_on_map = x && y;
-  place.i = x ? x->index - 1 : 0;
-  place.j = y ? y->index - 1 : 0;
-  place.t_x = x ? x->t : 0;
-  place.t_y = y ? y->t : 0;
+RowWord LoadRow(const ControlPoint* first) {
+  RowWord word;
+  std::memcpy(&word, first, sizeof(word));
+  return word;
 }
 
-// Remembers the tile found last; absent ones are kUntouched.
-class TileFinder {
- public:
-  explicit TileFinder(const TileTree& tiles) : tiles_(tiles) {}
-
-  const Tile& Find(TileKey key) {
-    if (tile_ == nullptr || key != key_) {
-      const TileTree::Entry* entry = tiles_.Find(key);
-      tile_ = entry == nullptr ? &kUntouched : entry->tile.get();
-      key_ = key;
-    }
-    return *tile_;
-  }
-
- private:
-  const TileTree& tiles_;
-  TileKey key_;
-  const Tile* tile_ = nullptr;
-};
-
-bool IsInOneTile(const Place& place) {
+bool IsInOneTile(int32_t i, int32_t j) {
   constexpr int kLast = Tile::kSide - 4;
-  return (place.i & (Tile::kSide - 1)) <= kLast && (place.j & (Tile::kSide - 1)) <= kLast;
+  return (i & (Tile::kSide - 1)) <= kLast && (j & (Tile::kSide - 1)) <= kLast;
 }
 
-void LoadFromOneTile(const ControlPoint* first, Patch& patch) {
-  for (int row = 0; row < 4; ++row) {
-    std::memcpy(patch.control_points + 4 * row, first + Tile::kSide * row,
-                4 * sizeof(ControlPoint));
-  }
+const Tile* FindTile(const TileTree& tiles, TileKey key) {
+  const Tile* tile = tiles.Find(key);
+  return tile == nullptr ? &kUntouched : tile;
 }
 
-void LoadFromSeveralTiles(const Place& place, TileFinder& finder, Patch& patch) {
-  const TileKey low = TileOf(place.i, place.j);
-  const TileKey high = TileOf(place.i + 3, place.j + 3);
-  const Tile* tiles[2][2] = {{&finder.Find(low), &finder.Find({high.tx, low.ty})},
-                             {&finder.Find({low.tx, high.ty}), &finder.Find(high)}};
-  for (int row = 0; row < 4; ++row) {
-    for (int column = 0; column < 4; ++column) {
-      const int32_t i = place.i + column;
-      const int32_t j = place.j + row;
-      const TileKey key = TileOf(i, j);
-      const Tile* tile = tiles[key.ty != low.ty][key.tx != low.tx];
-      patch.control_points[4 * row + column] = tile->control_points[IndexInTile(i, j)];
+// The tiles that a patch may need: of its first control point, and those next in x and y, which are
+// the first again where the patch does not reach them.
+std::array<TileKey, 4> SquareOf(int32_t i, int32_t j) {
+  const TileKey first = TileOf(i, j);
+  const TileKey last = TileOf(i + 3, j + 3);
+  return {first, TileKey{last.tx, first.ty}, TileKey{first.tx, last.ty}, last};
+}
+
+// Where the rows of a patch that lies in several tiles begin, and where they go on. What is in the
+// next tile follows in `right`; where nothing is, `bits` is 0.
+struct CrossingPatch {
+  std::array<const ControlPoint*, 4> left;
+  std::array<const ControlPoint*, 4> right;
+  int bits;
+
+  CrossingPatch() = default;
+  // Requires the tiles of SquareOf(i, j).
+  CrossingPatch(const Tile* const* square, int32_t i, int32_t j) {
+    constexpr int kLast = Tile::kSide - 4;
+    const int column = std::min(i & (Tile::kSide - 1), kLast);
+    bits = 16 * ((i & (Tile::kSide - 1)) - column);
+    for (int row = 0; row < 4; ++row) {
+      const Tile* const* tiles = square + 2 * (((j + row) >> 5) - (j >> 5));
+      left[row] = &tiles[0]->control_points[IndexInTile(column, j + row)];
+      right[row] = &tiles[1]->control_points[IndexInTile(0, j + row)];
     }
   }
-}
 
-// For functions that are compiled for several kinds of instructions, which have to inline it.
-__attribute__((always_inline)) inline void EvaluateAt(const Place& place, const Patch& patch,
-                                                      double knot_interval_m,
-                                                      SurfaceSample& sample) {
-  if (!place.is_on_map) {
-    sample = {};
-    return;
+  // Shifted twice since a shift by 64 is none.
+  RowWord Row(int row) const {
+    return LoadRow(left[row]) >> bits | LoadRow(right[row]) << 1 << (63 - bits);
   }
-  typedef ControlPoint Units __attribute__((vector_size(8)));
-  typedef int32_t Integers __attribute__((vector_size(16)));
-  PatchRow rows[4];
-  for (int row = 0; row < 4; ++row) {
-    Units units;
-    std::memcpy(&units, patch.control_points + 4 * row, sizeof(units));
-    const Integers integers = __builtin_convertvector(units, Integers);
-    rows[row] = __builtin_convertvector(integers, PatchRow) * (1.0 / kUnitsPerLogOdds);
-  }
-  EvaluateRows(rows, place.t_x, place.t_y, knot_interval_m, sample);
-  const int nearest = (place.t_y < 0.5 ? 4 : 8) + (place.t_x < 0.5 ? 1 : 2);
-  sample.known = patch.control_points[nearest] != 0;
-}
-
-// A few points at a time, which fit into the fastest cache.
-struct Block {
-  static constexpr size_t kSize = 64;
-  size_t count = 0;
-  std::array<Place, kSize> places;
-  std::array<Patch, kSize> patches;
 };
 
-void EvaluatePlain(const Block& block, double knot_interval_m, SurfaceSample* samples) {
-  for (size_t n = 0; n < block.count; ++n) {
-    EvaluateAt(block.places[n], block.patches[n], knot_interval_m, samples[n]);
+PatchRows LoadRows(const TileTree& tiles, int32_t i, int32_t j) {
+  PatchRows rows;
+  if (IsInOneTile(i, j)) {
+    const Tile& tile = *FindTile(tiles, TileOf(i, j));
+    const ControlPoint* first = &tile.control_points[IndexInTile(i, j)];
+    for (int row = 0; row < 4; ++row) rows[row] = LoadRow(first + Tile::kSide * row);
+  } else {
+    const std::array<TileKey, 4> keys = SquareOf(i, j);
+    std::array<const Tile*, 4> square;
+    for (int k = 0; k < 4; ++k) square[k] = FindTile(tiles, keys[k]);
+    const CrossingPatch patch(square.data(), i, j);
+    for (int row = 0; row < 4; ++row) rows[row] = patch.Row(row);
   }
-}
-
-#ifdef __x86_64__
-__attribute__((target("avx2"))) void EvaluateAvx2(const Block& block, double knot_interval_m,
-                                                  SurfaceSample* samples) {
-  for (size_t n = 0; n < block.count; ++n) {
-    EvaluateAt(block.places[n], block.patches[n], knot_interval_m, samples[n]);
-  }
-}
-#endif
-
-// By the fastest instructions that there are.
-void EvaluateBlock(const Block& block, double knot_interval_m, SurfaceSample* samples) {
-#ifdef __x86_64__
-  static const bool has_avx2 = __builtin_cpu_supports("avx2");
-  if (has_avx2) return EvaluateAvx2(block, knot_interval_m, samples);
-#endif
-  EvaluatePlain(block, knot_interval_m, samples);
-}
-
-}  // namespace
-
-SurfaceSample MapSnapshot::Evaluate(double x_m, double y_m) const {
-  const Eigen::Vector2d point_m(x_m, y_m);
-  SurfaceSample sample;
-  EvaluateMany({&point_m, 1}, {&sample, 1});
-  return sample;
+  return rows;
 }
 
 // Each step runs over a block of points before the next begins: a processor waits for many points
 // of a large map at once if what it does for each of them is little.
+class BlockEvaluator {
+ public:
+  explicit BlockEvaluator(const MapSnapshot& map)
+      : map_(map), kernel_(FastestPointKernel()), knots_per_m_(1 / map.options.knot_interval_m) {}
+
+  // Requires whole fours, at most PointBlock::kSize.
+  void Evaluate(const Eigen::Vector2d* points_m, int count, SurfaceSample* samples) {
+    const double knot_interval_m = map_.options.knot_interval_m;
+    const bool all_on_map = kernel_.locate(points_m, count, knot_interval_m, block_);
+    FindTiles(count);
+    LoadRows(count);
+    kernel_.evaluate(block_, count, knots_per_m_, samples);
+    if (all_on_map) return;
+    for (int n = 0; n < count; ++n) {
+      const bool is_on_map = LocateKnot(points_m[n].x(), knot_interval_m) &&
+                             LocateKnot(points_m[n].y(), knot_interval_m);
+      if (!is_on_map) samples[n] = {};
+    }
+  }
+
+ private:
+  // Neighbours often need the same tiles, which are looked up once then.
+  void FindTiles(int count) {
+    num_crossing_ = 0;
+    int num_keys = 0;
+    int square_begin = -1;  // of the crossing patch before
+    for (int n = 0; n < count; ++n) {
+      const int32_t i = block_.i[n];
+      const int32_t j = block_.j[n];
+      if (IsInOneTile(i, j)) {
+        const TileKey key = TileOf(i, j);
+        if (num_keys == 0 || keys_[num_keys - 1] != key) keys_[num_keys++] = key;
+        key_indices_[n] = num_keys - 1;
+        continue;
+      }
+      const std::array<TileKey, 4> square = SquareOf(i, j);
+      if (square_begin < 0 || keys_[square_begin] != square.front() ||
+          keys_[square_begin + 3] != square.back()) {
+        square_begin = num_keys;
+        for (const TileKey& key : square) keys_[num_keys++] = key;
+      }
+      key_indices_[n] = square_begin;
+      crossing_[num_crossing_++] = n;
+    }
+    map_.merged.FindMany({keys_.data(), static_cast<size_t>(num_keys)}, absl::MakeSpan(tiles_));
+    for (int k = 0; k < num_keys; ++k) tiles_[k] = tiles_[k] == nullptr ? &kUntouched : tiles_[k];
+  }
+
+  void LoadRows(int count) {
+    for (int n = 0; n < count; ++n) {
+      firsts_[n] =
+          tiles_[key_indices_[n]]->control_points.data() + IndexInTile(block_.i[n], block_.j[n]);
+    }
+    for (int k = 0; k < num_crossing_; ++k) {
+      const int n = crossing_[k];
+      patches_[k] = CrossingPatch(&tiles_[key_indices_[n]], block_.i[n], block_.j[n]);
+      firsts_[n] = kUntouched.control_points.data();
+    }
+    for (int n = 0; n < count; ++n) {
+      for (int row = 0; row < 4; ++row) {
+        block_.rows[row][n] = LoadRow(firsts_[n] + Tile::kSide * row);
+      }
+    }
+    for (int k = 0; k < num_crossing_; ++k) {
+      for (int row = 0; row < 4; ++row) block_.rows[row][crossing_[k]] = patches_[k].Row(row);
+    }
+  }
+
+  const MapSnapshot& map_;
+  const PointKernel& kernel_;
+  const double knots_per_m_;
+
+  PointBlock block_;
+  std::array<TileKey, 4 * PointBlock::kSize> keys_;
+  std::array<const Tile*, 4 * PointBlock::kSize> tiles_;  // by key
+  // By point: its tile, or the first of the four of its square.
+  std::array<int, PointBlock::kSize> key_indices_;
+  std::array<const ControlPoint*, PointBlock::kSize> firsts_;
+  // Points whose patches lie in several tiles.
+  int num_crossing_ = 0;
+  std::array<int, PointBlock::kSize> crossing_;
+  std::array<CrossingPatch, PointBlock::kSize> patches_;
+};
+
+}  // namespace
+
+SurfaceSample MapSnapshot::Evaluate(double x_m, double y_m) const {
+  SurfaceSample sample;
+  const auto x = LocateKnot(x_m, options.knot_interval_m);
+  const auto y = LocateKnot(y_m, options.knot_interval_m);
+  if (!x || !y) return sample;
+  const PatchRows rows = LoadRows(merged, x->index - 1, y->index - 1);
+  FastestPointKernel().evaluate_point(rows, x->t, y->t, 1 / options.knot_interval_m, sample);
+  return sample;
+}
+
+Eigen::Matrix2d MapSnapshot::Hessian(double x_m, double y_m) const {
+  const auto x = LocateKnot(x_m, options.knot_interval_m);
+  const auto y = LocateKnot(y_m, options.knot_interval_m);
+  if (!x || !y) return Eigen::Matrix2d::Zero();
+  const PatchRows rows = LoadRows(merged, x->index - 1, y->index - 1);
+  ControlPatch patch;
+  for (int k = 0; k < 16; ++k) {
+    const auto units = static_cast<ControlPoint>(rows[k / 4] >> (16 * (k % 4)) & 0xffff);
+    patch(k / 4, k % 4) = kLogOddsPerUnit * units;
+  }
+  return PatchHessian(patch, x->t, y->t, options.knot_interval_m);
+}
+
 void MapSnapshot::EvaluateMany(absl::Span<const Eigen::Vector2d> points_m,
                                absl::Span<SurfaceSample> samples) const {
-  Block block;
-  std::array<const ControlPoint*, Block::kSize> firsts;
-  TileFinder finder(merged);
-  for (size_t begin = 0; begin < points_m.size(); begin += Block::kSize) {
-    block.count = std::min(Block::kSize, points_m.size() - begin);
-    for (size_t n = 0; n < block.count; ++n) {
-      const Eigen::Vector2d& point_m = points_m[begin + n];
-      Locate(point_m.x(), point_m.y(), options.knot_interval_m, block.places[n]);
-    }
-    for (size_t n = 0; n < block.count; ++n) {
-      const Place& place = block.places[n];
-      const Tile& tile = finder.Find(TileOf(place.i, place.j));
-      firsts[n] = IsInOneTile(place) ? &tile.control_points[IndexInTile(place.i, place.j)]
-                                     : kUntouched.control_points.data();
-    }
-    for (size_t n = 0; n < block.count; ++n) LoadFromOneTile(firsts[n], block.patches[n]);
-    for (size_t n = 0; n < block.count; ++n) {
-      const Place& place = block.places[n];
-      if (!IsInOneTile(place)) LoadFromSeveralTiles(place, finder, block.patches[n]);
-    }
-    EvaluateBlock(block, options.knot_interval_m, &samples[begin]);
+  BlockEvaluator evaluator(*this);
+  const size_t fours = points_m.size() & ~size_t{3};
+  for (size_t begin = 0; begin < fours; begin += PointBlock::kSize) {
+    const size_t count = std::min<size_t>(PointBlock::kSize, fours - begin);
+    evaluator.Evaluate(&points_m[begin], static_cast<int>(count), &samples[begin]);
   }
+  if (fours == points_m.size()) return;
+  std::array<Eigen::Vector2d, 4> last_points_m;
+  std::array<SurfaceSample, 4> last_samples;
+  last_points_m.fill(points_m.back());
+  std::copy(points_m.begin() + fours, points_m.end(), last_points_m.begin());
+  evaluator.Evaluate(last_points_m.data(), 4, last_samples.data());
+  std::copy_n(last_samples.begin(), points_m.size() - fours, samples.begin() + fours);
 }
 
 }  // namespace splinemap

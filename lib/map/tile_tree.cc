@@ -1,6 +1,9 @@
 #include "lib/map/tile_tree.h"
 
+#include <algorithm>
+#include <array>
 #include <atomic>
+#include <bitset>
 
 namespace splinemap {
 namespace {
@@ -20,6 +23,8 @@ int ChildIndex(uint32_t x, uint32_t y, int level) {
   return static_cast<int>((((y >> (3 * level)) & 7) << 3) | ((x >> (3 * level)) & 7));
 }
 
+int ChildInLeaf(TileKey key) { return ChildIndex(Biased(key.tx), Biased(key.ty), 0); }
+
 constexpr int kCentreChild = (4 << 3) | 4;
 
 // Epochs are unique in the process, so no editor takes another's nodes for its own, and they grow,
@@ -35,17 +40,16 @@ struct TileTree::Node {
   uint64_t epoch = 0;  // of the last change in it or below
 };
 
-struct TileTree::OwnedEntry : Entry {
-  uint64_t epoch = 0;      // of the last change
-  bool is_shared = false;  // with others than trees, who must not see edits
-};
-
 struct TileTree::Inner : Node {
   std::array<std::shared_ptr<Node>, 64> children;
 };
 
+// By child; what queries look at stands close together.
 struct TileTree::Leaf : Node {
-  std::array<OwnedEntry, 64> entries;
+  std::array<std::shared_ptr<const Tile>, 64> tiles;
+  std::array<uint64_t, 64> revisions{};
+  std::array<uint64_t, 64> epochs{};  // of the last change
+  std::bitset<64> is_shared;          // with others than trees, who must not see edits
 };
 
 bool TileTree::Covers(TileKey key) const {
@@ -54,17 +58,41 @@ bool TileTree::Covers(TileKey key) const {
          (Biased(key.ty) >> shift) == (kBias >> shift);
 }
 
-const TileTree::Entry* TileTree::Find(TileKey key) const {
+const TileTree::Leaf* TileTree::FindLeaf(TileKey key) const {
   if (!root_ || !Covers(key)) return nullptr;
   const uint32_t x = Biased(key.tx);
   const uint32_t y = Biased(key.ty);
   const Node* node = root_.get();
-  for (int level = height_ - 1; level > 0; --level) {
+  for (int level = height_ - 1; level > 0 && node != nullptr; --level) {
     node = static_cast<const Inner*>(node)->children[ChildIndex(x, y, level)].get();
-    if (node == nullptr) return nullptr;
   }
-  const Entry& entry = static_cast<const Leaf*>(node)->entries[ChildIndex(x, y, 0)];
-  return entry.tile ? &entry : nullptr;
+  return static_cast<const Leaf*>(node);
+}
+
+const Tile* TileTree::Find(TileKey key) const {
+  const Leaf* leaf = FindLeaf(key);
+  return leaf == nullptr ? nullptr : leaf->tiles[ChildInLeaf(key)].get();
+}
+
+// The second loop is short, so that the processor waits for many leaves at once.
+void TileTree::FindMany(absl::Span<const TileKey> keys, absl::Span<const Tile*> tiles) const {
+  static const std::shared_ptr<const Tile> absent;
+  constexpr size_t kBlock = 256;
+  std::array<const std::shared_ptr<const Tile>*, kBlock> slots;
+  for (size_t begin = 0; begin < keys.size(); begin += kBlock) {
+    const size_t count = std::min(kBlock, keys.size() - begin);
+    for (size_t n = 0; n < count; ++n) {
+      const TileKey key = keys[begin + n];
+      const Leaf* leaf = FindLeaf(key);
+      slots[n] = leaf == nullptr ? &absent : &leaf->tiles[ChildInLeaf(key)];
+    }
+    for (size_t n = 0; n < count; ++n) tiles[begin + n] = slots[n]->get();
+  }
+}
+
+uint64_t TileTree::RevisionOf(TileKey key) const {
+  const Leaf* leaf = FindLeaf(key);
+  return leaf == nullptr ? 0 : leaf->revisions[ChildInLeaf(key)];
 }
 
 void TileTree::ForEachChanged(uint64_t since, Visitor visit) const {
@@ -84,9 +112,9 @@ void TileTree::Visit(const Node& node, int level, uint32_t x, uint32_t y, uint64
       const auto& next = static_cast<const Inner&>(node).children[child];
       if (next) Visit(*next, level - 1, child_x, child_y, since, visit);
     } else {
-      const OwnedEntry& entry = static_cast<const Leaf&>(node).entries[child];
-      if (entry.tile && entry.epoch > since) {
-        visit({Unbiased(child_x), Unbiased(child_y)}, entry);
+      const Leaf& leaf = static_cast<const Leaf&>(node);
+      if (leaf.tiles[child] && leaf.epochs[child] > since) {
+        visit({Unbiased(child_x), Unbiased(child_y)}, {leaf.tiles[child], leaf.revisions[child]});
       }
     }
   }
@@ -107,7 +135,7 @@ NodeType& TileTreeEditor::Own(std::shared_ptr<TileTree::Node>& node) {
   return static_cast<NodeType&>(*node);
 }
 
-TileTree::OwnedEntry& TileTreeEditor::Slot(TileKey key) {
+TileTree::Leaf& TileTreeEditor::OwnLeaf(TileKey key) {
   while (tree_.height_ == 0 || !tree_.Covers(key)) {
     std::shared_ptr<TileTree::Node> below = std::move(tree_.root_);
     tree_.root_ = nullptr;
@@ -121,32 +149,34 @@ TileTree::OwnedEntry& TileTreeEditor::Slot(TileKey key) {
     auto& inner = Own<TileTree::Inner>(*node);
     node = &inner.children[ChildIndex(x, y, level)];
   }
-  auto& leaf = Own<TileTree::Leaf>(*node);
-  TileTree::OwnedEntry& entry = leaf.entries[ChildIndex(x, y, 0)];
-  if (!entry.tile) ++tree_.size_;
-  return entry;
+  return Own<TileTree::Leaf>(*node);
 }
 
 Tile& TileTreeEditor::Edit(TileKey key, uint64_t revision) {
-  TileTree::OwnedEntry& entry = Slot(key);
-  if (!entry.tile) {
-    entry.tile = std::make_shared<Tile>();
-  } else if (entry.is_shared || entry.epoch != tree_.epoch_) {
-    entry.tile = std::make_shared<Tile>(*entry.tile);
+  TileTree::Leaf& leaf = OwnLeaf(key);
+  const int child = ChildInLeaf(key);
+  std::shared_ptr<const Tile>& tile = leaf.tiles[child];
+  if (!tile) {
+    tile = std::make_shared<Tile>();
+    ++tree_.size_;
+  } else if (leaf.is_shared[child] || leaf.epochs[child] != tree_.epoch_) {
+    tile = std::make_shared<Tile>(*tile);
   }
-  entry.revision = revision;
-  entry.epoch = tree_.epoch_;
-  entry.is_shared = false;
+  leaf.revisions[child] = revision;
+  leaf.epochs[child] = tree_.epoch_;
+  leaf.is_shared[child] = false;
   // Made here as a non-const Tile, and no frozen tree has it yet.
-  return const_cast<Tile&>(*entry.tile);
+  return const_cast<Tile&>(*tile);
 }
 
 void TileTreeEditor::Put(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision) {
-  TileTree::OwnedEntry& entry = Slot(key);
-  entry.tile = std::move(tile);
-  entry.revision = revision;
-  entry.epoch = tree_.epoch_;
-  entry.is_shared = true;
+  TileTree::Leaf& leaf = OwnLeaf(key);
+  const int child = ChildInLeaf(key);
+  if (!leaf.tiles[child]) ++tree_.size_;
+  leaf.tiles[child] = std::move(tile);
+  leaf.revisions[child] = revision;
+  leaf.epochs[child] = tree_.epoch_;
+  leaf.is_shared[child] = true;
 }
 
 TileTree TileTreeEditor::Freeze() {

@@ -6,6 +6,7 @@
 #include <memory>
 
 #include "absl/functional/function_ref.h"
+#include "absl/types/span.h"
 #include "lib/map/tile.h"
 
 namespace splinemap {
@@ -19,13 +20,18 @@ namespace splinemap {
 class TileTree {
  public:
   struct Entry {
-    std::shared_ptr<const Tile> tile;  // null where the key is absent
-    uint64_t revision = 0;             // of the owner's commit that last changed the tile
+    const std::shared_ptr<const Tile>& tile;
+    uint64_t revision;  // of the owner's commit that last changed the tile
   };
   using Visitor = absl::FunctionRef<void(TileKey, const Entry&)>;
 
   // Null where the tile is absent. Valid as long as this tree.
-  const Entry* Find(TileKey key) const;
+  const Tile* Find(TileKey key) const;
+  // The same for many keys, faster where the tree is larger than the caches. Requires as many tiles
+  // as keys.
+  void FindMany(absl::Span<const TileKey> keys, absl::Span<const Tile*> tiles) const;
+  // 0 where the tile is absent.
+  uint64_t RevisionOf(TileKey key) const;
 
   // Visits each tile once; the order depends on the keys alone.
   void ForEach(Visitor visit) const { ForEachChanged(0, visit); }
@@ -42,10 +48,10 @@ class TileTree {
   friend class TileTreeEditor;
   struct Node;
   struct Inner;
-  struct OwnedEntry;
   struct Leaf;
 
   bool Covers(TileKey key) const;
+  const Leaf* FindLeaf(TileKey key) const;
   static void Visit(const Node& node, int level, uint32_t x, uint32_t y, uint64_t since,
                     Visitor visit);
 
@@ -79,7 +85,7 @@ class TileTreeEditor {
   TileTree Freeze();
 
  private:
-  TileTree::OwnedEntry& Slot(TileKey key);
+  TileTree::Leaf& OwnLeaf(TileKey key);
   template <typename NodeType>
   NodeType& Own(std::shared_ptr<TileTree::Node>& node);
 

@@ -1,51 +1,129 @@
 #pragma once
 
+#include <cstdint>
+
 #include "lib/spline/surface.h"
+
+// EvaluatePatch() for functions that are compiled for several kinds of instructions, which have to
+// inline it: for one point, and for four of them. Without fused multiplications, and with sums in
+// the same order, all give the same bytes.
+//
+// s = by^T C bx, equation (4) with rows for y; derivatives are by phase until the end.
 
 namespace splinemap {
 
-// A row of control points of a patch, or their weights, in the widest vectors that the instructions
-// of the caller have.
-typedef double PatchRow __attribute__((vector_size(32)));
+// Four numbers of one point, or one number of four points.
+typedef double Doubles4 __attribute__((vector_size(32)));
+typedef uint64_t Words4 __attribute__((vector_size(32)));
+typedef int64_t Longs4 __attribute__((vector_size(32)));
+typedef int32_t Integers4 __attribute__((vector_size(16)));
 
-// EvaluatePatch() for functions that are compiled for several kinds of instructions, which have to
-// inline it. Without fused multiplications all give the same bytes. Writes all of `sample` but
-// `known`, each number once: a copy would wait for them.
-__attribute__((always_inline)) inline void EvaluateRows(const PatchRow (&c)[4], double t_x,
-                                                        double t_y, double knot_interval_m,
-                                                        SurfaceSample& sample) {
-  // The pieces of the cubic basis spline as polynomials in t; see Basis().
-  constexpr double kSixth = 1.0 / 6;
-  const PatchRow k0 = {kSixth, 4 * kSixth, kSixth, 0};
-  const PatchRow k1 = {-0.5, 0, 0.5, 0};
-  const PatchRow k2 = {0.5, -1, 0.5, 0};
-  const PatchRow k3 = {-kSixth, 0.5, -0.5, kSixth};
+// The pieces of the cubic basis spline as polynomials in t, by power; see Basis().
+inline constexpr double kBasisPieces[4][4] = {{1.0 / 6, 4.0 / 6, 1.0 / 6, 0},
+                                              {-0.5, 0, 0.5, 0},
+                                              {0.5, -1, 0.5, 0},
+                                              {-1.0 / 6, 0.5, -0.5, 1.0 / 6}};
 
-  // s = by^T C bx, equation (4) with rows for y. Derivatives are by phase until the end.
-  const PatchRow by = ((k3 * t_y + k2) * t_y + k1) * t_y + k0;
-  const PatchRow dby = (3 * k3 * t_y + 2 * k2) * t_y + k1;
-  const PatchRow ddby = 6 * k3 * t_y + 2 * k2;
-  const PatchRow by_c = (by[0] * c[0] + by[1] * c[1]) + (by[2] * c[2] + by[3] * c[3]);
-  const PatchRow dby_c = (dby[0] * c[0] + dby[1] * c[1]) + (dby[2] * c[2] + dby[3] * c[3]);
-  const PatchRow ddby_c = (ddby[0] * c[0] + ddby[1] * c[1]) + (ddby[2] * c[2] + ddby[3] * c[3]);
-  const PatchRow bx = ((k3 * t_x + k2) * t_x + k1) * t_x + k0;
-  const PatchRow dbx = (3 * k3 * t_x + 2 * k2) * t_x + k1;
-  const PatchRow ddbx = 6 * k3 * t_x + 2 * k2;
-  const auto dot = [](const PatchRow& a, const PatchRow& b) __attribute__((always_inline)) {
-    const PatchRow products = a * b;
-    return (products[0] + products[1]) + (products[2] + products[3]);
-  };
+__attribute__((always_inline)) inline Doubles4 BasisPieces(int power) {
+  const double(&k)[4] = kBasisPieces[power];
+  return Doubles4{k[0], k[1], k[2], k[3]};
+}
 
-  const double per_m = 1 / knot_interval_m;
-  const double per_m2 = per_m * per_m;
-  sample.log_odds = dot(by_c, bx);
-  sample.gradient_per_m.x() = per_m * dot(by_c, dbx);
-  sample.gradient_per_m.y() = per_m * dot(dby_c, bx);
-  sample.hessian_per_m2(0, 0) = per_m2 * dot(by_c, ddbx);
-  sample.hessian_per_m2(1, 1) = per_m2 * dot(ddby_c, bx);
-  const double mixed = per_m2 * dot(dby_c, dbx);
-  sample.hessian_per_m2(0, 1) = mixed;
-  sample.hessian_per_m2(1, 0) = mixed;
+__attribute__((always_inline)) inline Doubles4 BasisRow(double t) {
+  return ((BasisPieces(3) * t + BasisPieces(2)) * t + BasisPieces(1)) * t + BasisPieces(0);
+}
+
+__attribute__((always_inline)) inline Doubles4 BasisDerivativeRow(double t) {
+  return (3 * BasisPieces(3) * t + 2 * BasisPieces(2)) * t + BasisPieces(1);
+}
+
+__attribute__((always_inline)) inline double Dot(Doubles4 a, Doubles4 b) {
+  const Doubles4 products = a * b;
+  return (products[0] + products[1]) + (products[2] + products[3]);
+}
+
+// (Dot(rows[0], b), .., Dot(rows[3], b)).
+__attribute__((always_inline)) inline Doubles4 DotRows(const Doubles4 (&rows)[4], Doubles4 b) {
+  const Doubles4 p0 = rows[0] * b;
+  const Doubles4 p1 = rows[1] * b;
+  const Doubles4 p2 = rows[2] * b;
+  const Doubles4 p3 = rows[3] * b;
+  const Doubles4 s01 =
+      __builtin_shufflevector(p0, p1, 0, 4, 2, 6) + __builtin_shufflevector(p0, p1, 1, 5, 3, 7);
+  const Doubles4 s23 =
+      __builtin_shufflevector(p2, p3, 0, 4, 2, 6) + __builtin_shufflevector(p2, p3, 1, 5, 3, 7);
+  return __builtin_shufflevector(s01, s23, 0, 1, 4, 5) +
+         __builtin_shufflevector(s01, s23, 2, 3, 6, 7);
+}
+
+// One point. `rows`: its control points, of which `scale` makes log-odds. Leaves sample.known.
+__attribute__((always_inline)) inline void EvaluateRows(const Doubles4 (&rows)[4], double t_x,
+                                                        double t_y, double scale,
+                                                        double knots_per_m, SurfaceSample& sample) {
+  const Doubles4 sums = DotRows(rows, BasisRow(t_x));
+  const Doubles4 derivative_sums = DotRows(rows, BasisDerivativeRow(t_x));
+  const Doubles4 by = BasisRow(t_y);
+  sample.log_odds = scale * Dot(by, sums);
+  sample.gradient_per_m.x() = scale * knots_per_m * Dot(by, derivative_sums);
+  sample.gradient_per_m.y() = scale * knots_per_m * Dot(BasisDerivativeRow(t_y), sums);
+}
+
+// One number of the basis for four points.
+__attribute__((always_inline)) inline Doubles4 BasisOf4(int k, Doubles4 t) {
+  return ((kBasisPieces[3][k] * t + kBasisPieces[2][k]) * t + kBasisPieces[1][k]) * t +
+         kBasisPieces[0][k];
+}
+
+__attribute__((always_inline)) inline Doubles4 BasisDerivativeOf4(int k, Doubles4 t) {
+  return (3 * kBasisPieces[3][k] * t + 2 * kBasisPieces[2][k]) * t + kBasisPieces[1][k];
+}
+
+__attribute__((always_inline)) inline Doubles4 SumOf4(const Doubles4 (&a)[4],
+                                                      const Doubles4 (&b)[4]) {
+  return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]);
+}
+
+// 16 bits of each word as signed integers. There is no vector conversion of 64-bit integers before
+// AVX-512; but 2^52 + n, for small n >= 0, is a double whose low bits are n.
+__attribute__((always_inline)) inline Doubles4 ControlPointOf4(Words4 row, int k) {
+  constexpr uint64_t kTwo52 = 0x4330000000000000;
+  constexpr uint64_t kSign = 0x8000;
+  const Words4 bits = (((row >> (16 * k)) & 0xffff) ^ kSign) | kTwo52;
+  return reinterpret_cast<Doubles4>(bits) - (0x1p52 + 0x1p15);
+}
+
+struct Samples4 {
+  Doubles4 log_odds;
+  Doubles4 gradient_x_per_m;
+  Doubles4 gradient_y_per_m;
+};
+
+// Four points. rows[r]: of each point the control points of row r, the first in the low 16 bits.
+__attribute__((always_inline)) inline Samples4 EvaluateRowsOf4(const Words4 (&rows)[4],
+                                                               Doubles4 t_x, Doubles4 t_y,
+                                                               double scale, double knots_per_m) {
+  Doubles4 bx[4];
+  Doubles4 dbx[4];
+  for (int k = 0; k < 4; ++k) {
+    bx[k] = BasisOf4(k, t_x);
+    dbx[k] = BasisDerivativeOf4(k, t_x);
+  }
+  Doubles4 sums[4];
+  Doubles4 derivative_sums[4];
+  for (int r = 0; r < 4; ++r) {
+    Doubles4 c[4];
+    for (int k = 0; k < 4; ++k) c[k] = ControlPointOf4(rows[r], k);
+    sums[r] = SumOf4(c, bx);
+    derivative_sums[r] = SumOf4(c, dbx);
+  }
+  Doubles4 by[4];
+  Doubles4 dby[4];
+  for (int k = 0; k < 4; ++k) {
+    by[k] = BasisOf4(k, t_y);
+    dby[k] = BasisDerivativeOf4(k, t_y);
+  }
+  return {scale * SumOf4(by, sums), scale * knots_per_m * SumOf4(by, derivative_sums),
+          scale * knots_per_m * SumOf4(dby, sums)};
 }
 
 }  // namespace splinemap

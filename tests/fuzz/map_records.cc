@@ -137,8 +137,8 @@ bool AreEqual(const MapSnapshot& a, const MapSnapshot& b) {
   bool equal = a.options == b.options && a.layers.size() == b.layers.size() &&
                a.merged.size() == b.merged.size();
   a.merged.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    const TileTree::Entry* other = b.merged.Find(key);
-    equal = equal && other != nullptr && *other->tile == *entry.tile;
+    const Tile* other = b.merged.Find(key);
+    equal = equal && other != nullptr && *other == *entry.tile;
   });
   return equal;
 }

@@ -67,10 +67,8 @@ std::map<std::pair<int, int>, double> PaperSums(const std::vector<PlacedBeam>& b
 }
 
 double ControlPointAt(const MapSnapshot& map, int i, int j) {
-  const TileTree::Entry* entry = map.merged.Find(TileOf(i, j));
-  return entry == nullptr
-             ? 0
-             : entry->tile->control_points[IndexInTile(i, j)] / double{kUnitsPerLogOdds};
+  const Tile* tile = map.merged.Find(TileOf(i, j));
+  return tile == nullptr ? 0 : tile->control_points[IndexInTile(i, j)] / double{kUnitsPerLogOdds};
 }
 
 TEST(BeamModelTest, OneScanEqualsThePapersSumsToTheLastUnits) {
@@ -142,9 +140,9 @@ std::vector<PlacedBeam> RandomBeams(int count) {
 void ExpectEqual(const MapSnapshot& a, const MapSnapshot& b) {
   ASSERT_EQ(a.merged.size(), b.merged.size());
   a.merged.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    const TileTree::Entry* other = b.merged.Find(key);
+    const Tile* other = b.merged.Find(key);
     ASSERT_NE(other, nullptr);
-    EXPECT_EQ(*entry.tile, *other->tile);
+    EXPECT_EQ(*entry.tile, *other);
   });
 }
 

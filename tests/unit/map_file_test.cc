@@ -143,7 +143,7 @@ TEST_F(MapFileTest, AKilledSaverLeavesNoMixture) {
     ASSERT_TRUE(loaded.ok()) << loaded.status();
     EXPECT_TRUE(loaded->damages.empty());
     ASSERT_EQ(loaded->map->merged.size(), 40u);
-    const ControlPoint value = loaded->map->merged.Find({0, 0})->tile->control_points[0];
+    const ControlPoint value = loaded->map->merged.Find({0, 0})->control_points[0];
     loaded->map->merged.ForEach([&](TileKey, const TileTree::Entry& entry) {
       for (const ControlPoint c : entry.tile->control_points) ASSERT_EQ(c, value);
     });

@@ -13,8 +13,8 @@ constexpr ControlLimits kLimits;
 class ScanScratchTest : public testing::Test {
  protected:
   ControlPoint At(int i, int j) const {
-    const TileTree::Entry* entry = layer_.tiles().Find(TileOf(i, j));
-    return entry == nullptr ? 0 : entry->tile->control_points[IndexInTile(i, j)];
+    const Tile* tile = layer_.tiles().Find(TileOf(i, j));
+    return tile == nullptr ? 0 : tile->control_points[IndexInTile(i, j)];
   }
   void Commit() { scratch_.CommitTo(layer_, kLimits); }
 
@@ -73,7 +73,7 @@ TEST_F(ScanScratchTest, IsEmptyAfterACommit) {
   Commit();
   Commit();
   EXPECT_EQ(At(0, 0), 1);
-  EXPECT_EQ(layer_.tiles().Find({0, 0})->revision, 1u);
+  EXPECT_EQ(layer_.tiles().RevisionOf({0, 0}), 1u);
   EXPECT_EQ(layer_.revision(), 2u);
   EXPECT_EQ(scratch_.At(0, 0), 0);
 }

@@ -43,10 +43,17 @@ TEST(TileTreeTest, HoldsKeysOfEverySignAndSize) {
   }
   EXPECT_EQ(editor.tree().size(), keys.size());
   for (size_t k = 0; k < keys.size(); ++k) {
-    const TileTree::Entry* entry = editor.tree().Find(keys[k]);
-    ASSERT_NE(entry, nullptr) << keys[k].tx << " " << keys[k].ty;
-    EXPECT_EQ(entry->tile->control_points[7], static_cast<ControlPoint>(k + 1));
-    EXPECT_EQ(entry->revision, k + 1);
+    const Tile* tile = editor.tree().Find(keys[k]);
+    ASSERT_NE(tile, nullptr) << keys[k].tx << " " << keys[k].ty;
+    EXPECT_EQ(tile->control_points[7], static_cast<ControlPoint>(k + 1));
+    EXPECT_EQ(editor.tree().RevisionOf(keys[k]), k + 1);
+  }
+  std::vector<TileKey> with_absent = keys;
+  with_absent.insert(with_absent.begin() + 3, {7, 7});
+  std::vector<const Tile*> found(with_absent.size());
+  editor.tree().FindMany(with_absent, absl::MakeSpan(found));
+  for (size_t k = 0; k < found.size(); ++k) {
+    EXPECT_EQ(found[k], editor.tree().Find(with_absent[k])) << k;
   }
   EXPECT_EQ(ContentOf(editor.tree()).size(), keys.size());
   EXPECT_EQ(editor.tree().Find({kFar - 1, kFar}), nullptr);
@@ -86,9 +93,9 @@ TEST(TileTreeTest, TwoEditorsOfOneTreeDoNotSeeEachOther) {
   TileTreeEditor second(base);
   second.Edit({0, 0}, 2).control_points[0] = 20;
   first.Edit({0, 0}, 2).control_points[0] = 30;
-  EXPECT_EQ(base.Find({0, 0})->tile->control_points[0], 10);
-  EXPECT_EQ(first.tree().Find({0, 0})->tile->control_points[0], 30);
-  EXPECT_EQ(second.tree().Find({0, 0})->tile->control_points[0], 20);
+  EXPECT_EQ(base.Find({0, 0})->control_points[0], 10);
+  EXPECT_EQ(first.tree().Find({0, 0})->control_points[0], 30);
+  EXPECT_EQ(second.tree().Find({0, 0})->control_points[0], 20);
 }
 
 TEST(TileTreeTest, AnEditOfASharedTileCopiesIt) {
@@ -97,7 +104,7 @@ TEST(TileTreeTest, AnEditOfASharedTileCopiesIt) {
   editor.Put({1, 2}, shared, 1);
   editor.Edit({1, 2}, 2).control_points[5] = 9;
   EXPECT_EQ(shared->control_points[5], 0);
-  EXPECT_EQ(editor.tree().Find({1, 2})->tile->control_points[5], 9);
+  EXPECT_EQ(editor.tree().Find({1, 2})->control_points[5], 9);
 }
 
 TEST(TileTreeTest, WritesInPlaceUntilTheNextFreeze) {
@@ -130,8 +137,8 @@ TEST(TileTreeTest, VisitsJustWhatChangedSinceAnEarlierFreeze) {
     Content expected;
     for (const auto& [key, last_change] : changed_in) {
       if (last_change <= round) continue;
-      const TileTree::Entry* entry = frozen.back().Find({key.first, key.second});
-      expected[key] = {*entry->tile, entry->revision};
+      const TileKey changed{key.first, key.second};
+      expected[key] = {*frozen.back().Find(changed), frozen.back().RevisionOf(changed)};
     }
     EXPECT_EQ(ContentOf(frozen.back(), frozen[round].epoch()), expected) << round;
   }
