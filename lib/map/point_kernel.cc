@@ -35,9 +35,7 @@ __attribute__((always_inline)) inline Longs4 LocateFour(Doubles4 coordinates_m,
   const Doubles4 position = coordinates_m / knot_interval_m;
   const Longs4 is_on_map = (position < kMaxKnotIndex) & (position > -kMaxKnotIndex);
   const Doubles4 on_map = is_on_map ? position : Doubles4{};
-  const Doubles4 towards_zero =
-      __builtin_convertvector(__builtin_convertvector(on_map, Integers4), Doubles4);
-  const Doubles4 index = towards_zero - (towards_zero > on_map ? Doubles4{} + 1 : Doubles4{});
+  const Doubles4 index = Floor(on_map);
   const Integers4 first = __builtin_convertvector(index, Integers4) - 1;
   const Doubles4 phase = on_map - index;
   std::memcpy(firsts, &first, sizeof(first));

@@ -47,7 +47,6 @@ class BeamModel {
   static WeightTable MakeTable(double scale);
   PointSample SampleAt(const Eigen::Vector2d& point_knots, const WeightTable& kappa_weights) const;
   void AddFreeSamples(const PlacedBeam& beam);
-  void AddFreeLines(absl::Span<const PlacedBeam> beams, ScanScratch& scratch);
 
   FreeSpace free_space_;
   double knots_per_m_;
@@ -57,10 +56,7 @@ class BeamModel {
   WeightTable free_weights_;  // and times kappa_free
   FreeLineTable free_lines_;
 
-  // Of the beams at hand; kept for their memory.
-  std::vector<PointSample> samples_;
-  std::vector<FreeLine> steep_lines_;
-  std::vector<FreeLine> shallow_lines_;
+  std::vector<PointSample> samples_;  // of the beams at hand; kept for its memory
 };
 
 }  // namespace splinemap

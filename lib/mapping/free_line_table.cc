@@ -1,8 +1,11 @@
 #include "lib/mapping/free_line_table.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstring>
 
+#include "lib/base/lanes.h"
 #include "lib/spline/basis.h"
 
 namespace splinemap {
@@ -14,15 +17,24 @@ constexpr int kStepsPerKnot = 16;  // of the midpoint rule
 
 using Row = std::array<double, kWidth>;
 
+// The row is control point 3, 2, 1, 0 of the knot interval that y + v is in.
+std::array<double, 4 * kStepsPerKnot> MakeRowWeights() {
+  std::array<double, 4 * kStepsPerKnot> weights;
+  for (int step = 0; step < kStepsPerKnot; ++step) {
+    const BasisWeights of_interval = NormalizedBasis((step + 0.5) / kStepsPerKnot);
+    for (int k = 0; k < 4; ++k) weights[(3 - k) * kStepsPerKnot + step] = of_interval[k];
+  }
+  return weights;
+}
+
 // For a beam that adds 1 per knot interval and crosses the row at column x, where columns count
 // from the first of the row.
 Row Integrate(double slope, double x) {
+  static const auto row_weights = MakeRowWeights();
   Row row{};
   for (int step = -2 * kStepsPerKnot; step < 2 * kStepsPerKnot; ++step) {
     const double v = (step + 0.5) / kStepsPerKnot;
-    // The row is control point 3, 2, 1, 0 of the knot interval that y + v is in.
-    const double below = std::floor(v);
-    const double row_weight = NormalizedBasis(v - below)[1 - static_cast<int>(below)];
+    const double row_weight = row_weights[step + 2 * kStepsPerKnot];
     const double column = x + slope * v;
     const double cell = std::floor(column);
     const BasisWeights weights = NormalizedBasis(column - cell);
@@ -40,7 +52,7 @@ using UnitPairs = std::array<std::array<Row, 2>, kPhases>;
 UnitPairs MakeUnitPairs(double slope) {
   UnitPairs pairs;
   for (int phase = 0; phase < kPhases; ++phase) {
-    const double x = static_cast<double>(phase) / kPhases - FreeLineTable::FirstColumn(slope);
+    const double x = static_cast<double>(phase) / kPhases - FreeLineTable::FirstColumn(slope < 0);
     pairs[phase] = {Integrate(slope, x), Integrate(slope, x + slope)};
   }
   return pairs;
@@ -58,15 +70,14 @@ std::vector<UnitPairs> MakeUnitTable(int slopes_per_one) {
 
 FreeLineTable::FreeLineTable(double sum_per_knot) {
   static const std::vector<UnitPairs> unit_table = MakeUnitTable(kSlopesPerOne);
-  for (const UnitPairs& pairs : unit_table) {
-    auto sum = by_slope_.emplace_back().begin();
-    for (const std::array<Row, 2>& pair : pairs) {
-      for (const Row& row : pair) {
-        for (const double unit : row) {
-          *sum++ = static_cast<int32_t>(RoundToInt(sum_per_knot * unit));
-        }
-      }
-    }
+  static_assert(sizeof(UnitPairs) == kSumsPerSlope * sizeof(double));
+  sums_.resize(unit_table.size() * kSumsPerSlope);
+  const double* units = unit_table.front().front().front().data();
+  for (size_t n = 0; n < sums_.size(); n += 4) {
+    Doubles4 four;
+    std::memcpy(&four, units + n, sizeof(four));
+    const auto rounded = __builtin_convertvector(Floor(sum_per_knot * four + 0.5), Integers4);
+    std::memcpy(&sums_[n], &rounded, sizeof(rounded));
   }
 }
 

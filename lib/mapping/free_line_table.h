@@ -1,13 +1,25 @@
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <vector>
 
-#include "lib/geometry/angle.h"
-#include "lib/mapping/scan_kernel.h"
-
 namespace splinemap {
+
+// The free part of a beam as the control point rows that it crosses, in a plane whose y axis is the
+// one that it is steep to: at most one column to the side per row.
+struct FreeLine {
+  static constexpr int kFractionBits = 24;
+  int64_t column = 0;           // of the first control point touched in the first row, fixed point
+  int32_t columns_per_row = 0;  // likewise, within [-1, 1]
+  int32_t first_row = 0;
+  int32_t rows = 0;  // > 0
+  // By the fraction of the column, in kPhases steps: what the line adds to the row where it has
+  // that column, 8 sums, and then to the next row, 8 sums of the same columns.
+  static constexpr int kPhaseBits = 5;
+  static constexpr int kPhases = 1 << kPhaseBits;
+  static constexpr int kWidth = 8;
+  const int32_t* row_pairs = nullptr;  // [kPhases][2][kWidth]
+};
 
 // What a beam through free space adds to one row of control points: the integral of the update (35)
 // along the beam, which is the expectation of its samples (9) over their phase.
@@ -22,22 +34,17 @@ class FreeLineTable {
   // `sum_per_knot`: what one knot interval of beam adds, in units of the sums of a scan.
   explicit FreeLineTable(double sum_per_knot);
 
-  // For the nearest slope that is in the table.
-  struct Entry {
-    const int32_t* row_pairs;  // of FreeLine
-    int first_column;          // of FreeLine::kWidth, from floor(x) in the first row of a pair
-  };
-  // Requires |slope| <= 1.
-  Entry Find(double slope) const {
-    const int64_t index = RoundToInt(slope * kSlopesPerOne);
-    return {by_slope_[index + kSlopesPerOne].data(), FirstColumn(static_cast<double>(index))};
-  }
-  static constexpr int FirstColumn(double slope) { return slope < 0 ? -4 : -3; }
+  // The table has the slopes n / kSlopesPerOne for |n| <= kSlopesPerOne: their FreeLine::row_pairs
+  // one after the other.
+  static constexpr int kSlopesPerOne = 64;
+  static constexpr int kSumsPerSlope = FreeLine::kPhases * 2 * FreeLine::kWidth;
+  const int32_t* data() const { return sums_.data(); }
+
+  // Of FreeLine::kWidth, from floor(x) in the first row of a pair, for a slope of the table.
+  static constexpr int FirstColumn(bool is_negative) { return is_negative ? -4 : -3; }
 
  private:
-  static constexpr int kSlopesPerOne = 64;
-  using RowPairSums = std::array<int32_t, size_t{FreeLine::kPhases} * 2 * FreeLine::kWidth>;
-  std::vector<RowPairSums> by_slope_;
+  std::vector<int32_t> sums_;
 };
 
 }  // namespace splinemap

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "lib/map/tile.h"
+#include "lib/mapping/free_line_table.h"
 #include "lib/mapping/sum_plane.h"
 
 namespace splinemap {
@@ -12,20 +13,25 @@ namespace splinemap {
 // Sums of a scan have this many bits more than control points: 64 units are one of theirs.
 inline constexpr int kSumFractionBits = 6;
 
-// The free part of a beam as the control point rows that it crosses, in a plane whose y axis is the
-// one that it is steep to: at most one column to the side per row.
-struct FreeLine {
-  static constexpr int kFractionBits = 24;
-  int64_t column = 0;           // of the first control point touched in the first row, fixed point
-  int32_t columns_per_row = 0;  // likewise, within [-1, 1]
-  int32_t first_row = 0;
-  int32_t rows = 0;  // > 0
-  // By the fraction of the column, in kPhases steps: what the line adds to the row where it has
-  // that column, 8 sums, and then to the next row, 8 sums of the same columns.
-  static constexpr int kPhaseBits = 5;
-  static constexpr int kPhases = 1 << kPhaseBits;
-  static constexpr int kWidth = 8;
-  const int32_t* row_pairs = nullptr;  // [kPhases][2][kWidth]
+// A PlacedBeam as it lies in memory. Kernels must not know its classes, whose inline functions
+// might be linked from there into the rest of the program.
+struct BeamMemory {
+  double origin_world_m[2];
+  double direction_world[2];
+  double range_m;
+  bool hit;
+};
+
+struct FreeLineCounts {
+  size_t steep = 0;
+  size_t shallow = 0;
+};
+
+// How beams become free lines.
+struct FreeLineModel {
+  double knots_per_m = 0;
+  double end_before_hit_knots = 0;
+  const int32_t* row_pairs = nullptr;  // FreeLineTable::data()
 };
 
 // A measurement at one point: 4 x 4 sums, the outer product of two rows of weights.
@@ -40,6 +46,11 @@ struct PointSample {
 // The inner loops of mapping, compiled for one instruction set. All of them give the same bytes.
 struct ScanKernel {
   const char* name;  // "plain", "avx2", "avx512"
+
+  // Sets steep_lines and shallow_lines, arrays for count + 1 lines each, to the free part of the
+  // beams that are steep to the x axis (rows of constant y), and of those steep to the y axis.
+  FreeLineCounts (*set_lines)(const BeamMemory* beams, size_t count, const FreeLineModel& model,
+                              FreeLine* steep_lines, FreeLine* shallow_lines);
 
   void (*add_lines)(const FreeLine* lines, size_t count, SumPlane& plane);
   void (*add_samples)(const PointSample* samples, size_t count, SumPlane& plane);

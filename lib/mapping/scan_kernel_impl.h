@@ -4,11 +4,13 @@
 // What is called in here is local to the file, always inlined, or not inline at all: an inline
 // function that the linker took from here into the rest of the program might not run there.
 
+#include <cstddef>
 #include <cstdint>
 #ifdef __SSE2__
 #include <immintrin.h>
 #endif
 
+#include "lib/base/lanes.h"
 #include "lib/mapping/scan_kernel.h"
 
 namespace splinemap::SPLINEMAP_KERNEL {
@@ -102,6 +104,85 @@ ControlPoints Narrow(Sums v) {
 
 void Touch(SumBlock& block, int32_t first_row, int32_t last_row) {
   block.touched |= (2u << (last_row / kSide)) - (1u << (first_row / kSide));
+}
+
+Doubles4 Abs(Doubles4 x) { return x < 0 ? -x : x; }
+
+// The free part of four beams: the rows of control points between the ends of a line. Those of no
+// length, and those that cross no row, are left out.
+void SetFourLines(const BeamMemory* beams, const FreeLineModel& model, FreeLine* steep_lines,
+                  FreeLine* shallow_lines, FreeLineCounts& counts) {
+  static_assert(offsetof(BeamMemory, direction_world) == 2 * sizeof(double));
+  Doubles4 beam[4];  // origin and direction
+  Doubles4 range_m;
+  for (int k = 0; k < 4; ++k) {
+    beam[k] = Load<Doubles4>(&beams[k]);
+    range_m[k] = beams[k].range_m;
+  }
+  const Doubles4 xy01 = __builtin_shufflevector(beam[0], beam[1], 0, 4, 1, 5);
+  const Doubles4 xy23 = __builtin_shufflevector(beam[2], beam[3], 0, 4, 1, 5);
+  const Doubles4 uv01 = __builtin_shufflevector(beam[0], beam[1], 2, 6, 3, 7);
+  const Doubles4 uv23 = __builtin_shufflevector(beam[2], beam[3], 2, 6, 3, 7);
+  const Doubles4 x = __builtin_shufflevector(xy01, xy23, 0, 1, 4, 5) * model.knots_per_m;
+  const Doubles4 y = __builtin_shufflevector(xy01, xy23, 2, 3, 6, 7) * model.knots_per_m;
+  const Doubles4 dx = __builtin_shufflevector(uv01, uv23, 0, 1, 4, 5);
+  const Doubles4 dy = __builtin_shufflevector(uv01, uv23, 2, 3, 6, 7);
+
+  // Along the axis that the line is steep to, and across.
+  const Longs4 is_steep = Abs(dy) >= Abs(dx);
+  const Doubles4 along = is_steep ? y : x;
+  const Doubles4 across = is_steep ? x : y;
+  const Doubles4 d_along = is_steep ? dy : dx;
+  const Doubles4 d_across = is_steep ? dx : dy;
+  const Doubles4 length_or_less = range_m * model.knots_per_m - model.end_before_hit_knots;
+  const Longs4 has_length = length_or_less > 0;
+  const Doubles4 length = has_length ? length_or_less : Doubles4{};
+  const Doubles4 slope = d_across / (has_length ? d_along : Doubles4{} + 1);
+
+  const Doubles4 end = along + length * d_along;
+  const Doubles4 first_row = Floor(end < along ? end : along) + 1;
+  const Doubles4 last_row = Floor(end < along ? along : end);
+  const Doubles4 slope_index = Floor(slope * FreeLineTable::kSlopesPerOne + 0.5);
+  const Doubles4 first_column = slope_index < 0 ? Doubles4{} + FreeLineTable::FirstColumn(true)
+                                                : Doubles4{} + FreeLineTable::FirstColumn(false);
+  constexpr double kOne = int64_t{1} << FreeLine::kFractionBits;
+  constexpr double kHalfPhase = 0.5 / FreeLine::kPhases;
+  const Doubles4 column = across + (first_row - along) * slope + (first_column + kHalfPhase);
+  const Doubles4 cell = Floor(column);
+
+  const auto cells = __builtin_convertvector(__builtin_convertvector(cell, Integers4), Longs4);
+  const auto fractions = __builtin_convertvector(Floor((column - cell) * kOne + 0.5), Integers4);
+  const auto columns_per_row = __builtin_convertvector(Floor(slope * kOne + 0.5), Integers4);
+  const auto first_rows = __builtin_convertvector(first_row, Integers4);
+  const auto rows = __builtin_convertvector(last_row - first_row, Integers4) + 1;
+  const auto slopes =
+      __builtin_convertvector(slope_index, Integers4) + FreeLineTable::kSlopesPerOne;
+  for (int k = 0; k < 4; ++k) {
+    FreeLine& line = is_steep[k] != 0 ? steep_lines[counts.steep] : shallow_lines[counts.shallow];
+    line.column = (cells[k] << FreeLine::kFractionBits) + fractions[k];
+    line.columns_per_row = columns_per_row[k];
+    line.first_row = first_rows[k];
+    line.rows = rows[k];
+    line.row_pairs = model.row_pairs + ptrdiff_t{slopes[k]} * FreeLineTable::kSumsPerSlope;
+    const bool is_line = has_length[k] != 0 && rows[k] > 0;
+    counts.steep += is_line && is_steep[k] != 0 ? 1 : 0;
+    counts.shallow += is_line && is_steep[k] == 0 ? 1 : 0;
+  }
+}
+
+FreeLineCounts SetLines(const BeamMemory* beams, size_t count, const FreeLineModel& model,
+                        FreeLine* steep_lines, FreeLine* shallow_lines) {
+  FreeLineCounts counts;
+  size_t n = 0;
+  for (; n + 4 <= count; n += 4) {
+    SetFourLines(beams + n, model, steep_lines, shallow_lines, counts);
+  }
+  if (n < count) {
+    BeamMemory last[4] = {};  // a beam of zeros has no free part
+    __builtin_memcpy(last, beams + n, (count - n) * sizeof *beams);
+    SetFourLines(last, model, steep_lines, shallow_lines, counts);
+  }
+  return counts;
 }
 
 void AddLine(const FreeLine& line, SumPlane& plane) {
@@ -260,6 +341,7 @@ void Commit(int32_t* sums, ControlLimits limits, ControlLimits scan_limits,
 
 extern const ScanKernel kScanKernel;
 const ScanKernel kScanKernel{SPLINEMAP_NAME(SPLINEMAP_KERNEL),
+                             &SetLines,
                              &AddLines,
                              &AddSamples,
                              &HasApron,

@@ -1,5 +1,6 @@
 #include "lib/mapping/scan_scratch.h"
 
+#include <cstddef>
 #include <cstring>
 
 namespace splinemap {
@@ -36,6 +37,21 @@ void ForEachTouched(SumPlane& plane, Visitor visit) {
 
 int32_t& ScanScratch::At(int32_t i, int32_t j) {
   return Touch(upright_, i >> 5, j >> 5)[(j & 31) * SumBlock::kStride + (i & 31)];
+}
+
+void ScanScratch::AddFreeLines(absl::Span<const PlacedBeam> beams, const FreeLineModel& model) {
+  static_assert(sizeof(PlacedBeam) == sizeof(BeamMemory));
+  static_assert(offsetof(PlacedBeam, direction_world) == offsetof(BeamMemory, direction_world));
+  static_assert(offsetof(PlacedBeam, range_m) == offsetof(BeamMemory, range_m));
+  if (steep_lines_.size() <= beams.size()) {
+    steep_lines_.resize(beams.size() + 1);
+    shallow_lines_.resize(beams.size() + 1);
+  }
+  const FreeLineCounts counts =
+      kernel_.set_lines(reinterpret_cast<const BeamMemory*>(beams.data()), beams.size(), model,
+                        steep_lines_.data(), shallow_lines_.data());
+  kernel_.add_lines(steep_lines_.data(), counts.steep, upright_);
+  kernel_.add_lines(shallow_lines_.data(), counts.shallow, transposed_);
 }
 
 void ScanScratch::CommitTo(Layer& layer, ControlLimits limits, ControlLimits scan_limits) {

@@ -1,12 +1,14 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 #include "absl/types/span.h"
 #include "lib/map/layer.h"
 #include "lib/map/tile.h"
 #include "lib/mapping/scan_kernel.h"
 #include "lib/mapping/sum_plane.h"
+#include "lib/sensing/scan.h"
 
 namespace splinemap {
 
@@ -31,13 +33,7 @@ class ScanScratch {
   void AddSamples(absl::Span<const PointSample> samples) {
     kernel_.add_samples(samples.data(), samples.size(), upright_);
   }
-  // Lines that are steep to the x axis (rows of constant y), and to the y axis.
-  void AddSteepLines(absl::Span<const FreeLine> lines) {
-    kernel_.add_lines(lines.data(), lines.size(), upright_);
-  }
-  void AddShallowLines(absl::Span<const FreeLine> lines) {
-    kernel_.add_lines(lines.data(), lines.size(), transposed_);
-  }
+  void AddFreeLines(absl::Span<const PlacedBeam> beams, const FreeLineModel& model);
 
   // Adds all sums to the layer as one commit, each rounded once and kept within `scan_limits`, the
   // results clamped to `limits` (36), and clears the scratch. A control point whose sum rounds to 0
@@ -51,6 +47,10 @@ class ScanScratch {
   const ScanKernel& kernel_;
   SumPlane upright_;
   SumPlane transposed_;  // x and y exchanged
+
+  // Of the beams at hand; kept for their memory.
+  std::vector<FreeLine> steep_lines_;
+  std::vector<FreeLine> shallow_lines_;
 };
 
 }  // namespace splinemap

@@ -1,6 +1,7 @@
 #include "lib/sensing/scan.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <optional>
@@ -63,12 +64,26 @@ bool HaveUsefulBeamTimes(const RangeReadings& readings) {
          *greatest <= readings.utime + kMaxBeamTimeOffset && *greatest - *least >= milliseconds(10);
 }
 
-PlacedBeam Place(const Beam& beam, const Pose2& world_T_sensor) {
-  const double bearing_world_rad = world_T_sensor.yaw_rad + double{beam.bearing_rad};
-  return {world_T_sensor.position_m,
-          UnitVector(bearing_world_rad),
-          double{beam.range_m},
-          beam.hit};
+void Place(absl::Span<const Beam> beams, absl::Span<const Pose2> world_T_sensor,
+           std::vector<PlacedBeam>& placed) {
+  constexpr size_t kBlock = 128;
+  std::array<double, kBlock> bearings_world_rad;
+  std::array<Eigen::Vector2d, kBlock> directions_world;
+  const size_t poses_per_beam = world_T_sensor.size() == 1 ? 0 : 1;
+  placed.resize(beams.size());
+  for (size_t begin = 0; begin < beams.size(); begin += kBlock) {
+    const size_t count = std::min(kBlock, beams.size() - begin);
+    for (size_t k = 0; k < count; ++k) {
+      const Pose2& pose = world_T_sensor[(begin + k) * poses_per_beam];
+      bearings_world_rad[k] = pose.yaw_rad + double{beams[begin + k].bearing_rad};
+    }
+    UnitVectors({bearings_world_rad.data(), count}, absl::MakeSpan(directions_world));
+    for (size_t k = 0; k < count; ++k) {
+      const Beam& beam = beams[begin + k];
+      placed[begin + k] = {world_T_sensor[(begin + k) * poses_per_beam].position_m,
+                           directions_world[k], double{beam.range_m}, beam.hit};
+    }
+  }
 }
 
 absl::StatusOr<Scan> PrepareScan(const RangeReadings& readings, const SensorOptions& options,

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "absl/types/span.h"
 #include "lib/base/utime.h"
 #include "lib/sensing/sensor_options.h"
 
@@ -48,7 +49,10 @@ struct PlacedBeam {
   bool hit = true;
 };
 
-PlacedBeam Place(const Beam& beam, const Pose2& world_T_sensor);
+// Sets `placed` to the beams in the world frame, their sensor at the one pose given or each at a
+// pose of its own.
+void Place(absl::Span<const Beam> beams, absl::Span<const Pose2> world_T_sensor,
+           std::vector<PlacedBeam>& placed);
 
 // Most beams of one scan. With it the sums of one scan cannot overflow; see ScanScratch.
 inline constexpr int kMaxBeams = 16384;

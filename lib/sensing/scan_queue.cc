@@ -174,7 +174,8 @@ void ScanQueue::Place(const Scan& scan) {
   PlacedScan placed;
   placed.channel = scan.channel;
   placed.utime = scan.utime;
-  placed.beams.reserve(scan.beams.size());
+  std::vector<Pose2> poses;  // of the sensor, by beam
+  poses.reserve(scan.beams.size());
   std::optional<Utime> pose_time;
   Pose2 world_T_sensor;
   for (const Beam& beam : scan.beams) {
@@ -187,8 +188,9 @@ void ScanQueue::Place(const Scan& scan) {
       world_T_sensor = Interpolate(bracket, utime) * scan.robot_T_sensor;
       pose_time = utime;
     }
-    placed.beams.push_back(splinemap::Place(beam, world_T_sensor));
+    poses.push_back(world_T_sensor);
   }
+  splinemap::Place(scan.beams, poses, placed.beams);
   // first_beam <= 0 <= last_beam: poses are on both sides of the scan's own time, too.
   placed.world_T_robot = Interpolate(*poses_.Find(scan.utime), scan.utime);
   last_placed_ = {scan.utime, scan.channel};

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 
+#include "lib/base/lanes.h"
 #include "lib/spline/surface.h"
 
 // EvaluatePatch() for functions that are compiled for several kinds of instructions, which have to
@@ -11,12 +12,6 @@
 // s = by^T C bx, equation (4) with rows for y; derivatives are by phase until the end.
 
 namespace splinemap {
-
-// Four numbers of one point, or one number of four points.
-typedef double Doubles4 __attribute__((vector_size(32)));
-typedef uint64_t Words4 __attribute__((vector_size(32)));
-typedef int64_t Longs4 __attribute__((vector_size(32)));
-typedef int32_t Integers4 __attribute__((vector_size(16)));
 
 // The pieces of the cubic basis spline as polynomials in t, by power; see Basis().
 inline constexpr double kBasisPieces[4][4] = {{1.0 / 6, 4.0 / 6, 1.0 / 6, 0},

@@ -24,10 +24,7 @@ absl::StatusOr<std::vector<RecordedScan>> ReadRecordedDrive(const std::string& p
 
 std::vector<PlacedBeam> Place(const RecordedScan& recorded) {
   std::vector<PlacedBeam> beams;
-  beams.reserve(recorded.scan.beams.size());
-  for (const Beam& beam : recorded.scan.beams) {
-    beams.push_back(Place(beam, recorded.world_T_sensor));
-  }
+  Place(recorded.scan.beams, {&recorded.world_T_sensor, 1}, beams);
   return beams;
 }
 

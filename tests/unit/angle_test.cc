@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <random>
+#include <vector>
 
 namespace splinemap {
 namespace {
@@ -18,6 +19,25 @@ TEST(AngleTest, UnitVectorsAreThoseOfTheCLibrary) {
       const double tolerance = std::max(4e-16, reach_rad * 2e-16);
       EXPECT_NEAR(unit.x(), std::cos(angle_rad), tolerance) << angle_rad;
       EXPECT_NEAR(unit.y(), std::sin(angle_rad), tolerance) << angle_rad;
+    }
+  }
+}
+
+TEST(AngleTest, ManyAnglesGiveTheBytesOfEach) {
+  std::mt19937_64 random(3);
+  for (const double reach_rad : {1e-3, 10.0, 9e5, 1e7}) {
+    std::uniform_real_distribution<double> uniform(-reach_rad, reach_rad);
+    for (const size_t count : {0, 1, 4, 7, 1000}) {
+      std::vector<double> angles_rad(count);
+      for (double& angle_rad : angles_rad) {
+        angle_rad = random() % 8 == 0 ? M_PI / 4 * static_cast<double>(random() % 32) - 4 * M_PI
+                                      : uniform(random);
+      }
+      std::vector<Eigen::Vector2d> units(count);
+      UnitVectors(angles_rad, absl::MakeSpan(units));
+      for (size_t n = 0; n < count; ++n) {
+        ASSERT_EQ(units[n], UnitVector(angles_rad[n])) << angles_rad[n];
+      }
     }
   }
 }

@@ -21,8 +21,7 @@ DensePaperMap::DensePaperMap(const Eigen::AlignedBox2d& bounds_m)
       control_points_(width_ * static_cast<size_t>(bounds_m.sizes().y() / kResolution_m)) {}
 
 void DensePaperMap::Insert(const RecordedScan& scan) {
-  for (const Beam& beam : scan.scan.beams) {
-    const PlacedBeam placed = Place(beam, scan.world_T_sensor);
+  for (const PlacedBeam& placed : Place(scan)) {
     Measure(placed.origin_world_m + placed.range_m * placed.direction_world, kKappaHit);
     const auto samples = static_cast<int>(placed.range_m / kSpacing_m);
     for (int j = 0; j < samples; ++j) {

@@ -14,8 +14,7 @@ void SplineMapper::Clear() {
 }
 
 void SplineMapper::Insert(const RecordedScan& scan) {
-  beams_.clear();
-  for (const Beam& beam : scan.scan.beams) beams_.push_back(Place(beam, scan.world_T_sensor));
+  Place(scan.scan.beams, {&scan.world_T_sensor, 1}, beams_);
   model_.Accumulate(beams_, scratch_);
   scratch_.CommitTo(*layer_, map_.options().limits);
 }

@@ -1,0 +1,22 @@
+#pragma once
+
+#include <cstdint>
+
+namespace splinemap {
+
+// Vectors of GCC and Clang, which split them where a processor has narrower ones. How functions
+// pass them depends on the instructions they are compiled for (-Wpsabi), and so functions that take
+// or give them are always inlined.
+typedef double Doubles4 __attribute__((vector_size(32)));
+typedef uint64_t Words4 __attribute__((vector_size(32)));
+typedef int64_t Longs4 __attribute__((vector_size(32)));
+typedef int32_t Integers4 __attribute__((vector_size(16)));
+
+// The greatest integers that are not greater, which 32 bits must be able to hold.
+[[gnu::always_inline]] inline Doubles4 Floor(Doubles4 x) {
+  const Doubles4 towards_zero =
+      __builtin_convertvector(__builtin_convertvector(x, Integers4), Doubles4);
+  return towards_zero - (towards_zero > x ? Doubles4{} + 1 : Doubles4{});
+}
+
+}  // namespace splinemap
