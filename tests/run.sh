@@ -6,8 +6,8 @@ usage() {
   cat << EOF
 usage: tests/run.sh [--yes] [PRESET [ctest arguments]]
 
-  tests/run.sh                  every test, and the unit tests under address sanitizer
-  tests/run.sh dev              every test
+  tests/run.sh                  every test, those of units under sanitizers
+  tests/run.sh dev              every test without sanitizers
   tests/run.sh asan             unit tests under address and undefined-behaviour sanitizers
   tests/run.sh tsan             the tests with threads under thread sanitizer
   tests/run.sh dev -R Queue     the tests of a name
@@ -29,13 +29,20 @@ esac
 source deploy/packages.sh
 install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" "${TEST_PACKAGES[@]}"
 
+configure() {
+  [[ -f build/$1/build.ninja ]] || cmake --preset "$1"
+}
+
+# test_with PRESET ctest-arguments..
+test_with() {
+  ctest --preset "$1" --parallel "$(nproc)" --progress "${@:2}"
+}
+
 # run PRESET ctest-arguments..
 run() {
-  local preset=$1
-  shift
-  [[ -f build/$preset/build.ninja ]] || cmake --preset "$preset"
-  cmake --build --preset "$preset"
-  ctest --preset "$preset" --parallel "$(nproc)" --progress "$@"
+  configure "$1"
+  cmake --build --preset "$1"
+  test_with "$@"
 }
 
 preset=${1:-}
@@ -46,6 +53,8 @@ case $preset in
   tsan) run tsan -R '^(DaemonTest|IngestQueueTest|MapTest)' "$@" ;;
   "")
     run asan -L unit
-    run dev
+    configure dev
+    cmake --build build/dev
+    test_with dev -L integration
     ;;
 esac

@@ -90,6 +90,11 @@ void TileTree::FindMany(absl::Span<const TileKey> keys, absl::Span<const Tile*> 
   }
 }
 
+std::shared_ptr<const Tile> TileTree::Share(TileKey key) const {
+  const Leaf* leaf = FindLeaf(key);
+  return leaf == nullptr ? nullptr : leaf->tiles[ChildInLeaf(key)];
+}
+
 uint64_t TileTree::RevisionOf(TileKey key) const {
   const Leaf* leaf = FindLeaf(key);
   return leaf == nullptr ? 0 : leaf->revisions[ChildInLeaf(key)];

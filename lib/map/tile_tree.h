@@ -30,6 +30,8 @@ class TileTree {
   // The same for many keys, faster where the tree is larger than the caches. Requires as many tiles
   // as keys.
   void FindMany(absl::Span<const TileKey> keys, absl::Span<const Tile*> tiles) const;
+  // The same, for those who keep it longer.
+  std::shared_ptr<const Tile> Share(TileKey key) const;
   // 0 where the tile is absent.
   uint64_t RevisionOf(TileKey key) const;
 

@@ -43,11 +43,27 @@ absl::StatusOr<Tile> DecodeTile(const std::string& content) {
 }
 
 TileUpdate MakeTileUpdate(TileKey key, const Tile& tile, uint64_t revision) {
-  return {key, revision, EncodeTile(tile), TileChecksum(key, tile)};
+  return {key, revision, EncodeTile(tile), 0, TileChecksum(key, tile)};
 }
 
-absl::StatusOr<Tile> TileOfUpdate(const TileUpdate& update) {
+TileUpdate MakeTileDifference(TileKey key, const Tile& tile, uint64_t revision, const Tile& base) {
+  Tile difference;
+  for (int k = 0; k < Tile::kSize; ++k) {
+    difference.control_points[k] =
+        static_cast<ControlPoint>(tile.control_points[k] - base.control_points[k]);
+  }
+  return {key, revision, EncodeTile(difference), TileChecksum(key, base), TileChecksum(key, tile)};
+}
+
+absl::StatusOr<Tile> TileOfUpdate(const TileUpdate& update, const Tile* base) {
   SPLINEMAP_ASSIGN_OR_RETURN(Tile tile, DecodeTile(update.content));
+  if (update.base_checksum != 0) {
+    if (base == nullptr) return DataLoss("difference to a tile that is not there");
+    for (int k = 0; k < Tile::kSize; ++k) {
+      tile.control_points[k] =
+          static_cast<ControlPoint>(tile.control_points[k] + base->control_points[k]);
+    }
+  }
   if (TileChecksum(update.key, tile) != update.checksum) {
     return DataLoss("tile ({}, {}) does not match its checksum", update.key.tx, update.key.ty);
   }

@@ -13,15 +13,20 @@ namespace splinemap {
 struct TileUpdate {
   TileKey key;
   uint64_t revision = 0;  // of the layer, in the commit that made this content
-  std::string content;    // EncodeTile of the whole tile
+  // EncodeTile of the whole tile; or, where base_checksum is not 0, of its difference, point by
+  // point and modulo 2^16, to the tile of that TileChecksum.
+  std::string content;
+  uint64_t base_checksum = 0;
   uint64_t checksum = 0;  // TileChecksum of the tile that results
 };
 
 TileUpdate MakeTileUpdate(TileKey key, const Tile& tile, uint64_t revision);
+TileUpdate MakeTileDifference(TileKey key, const Tile& tile, uint64_t revision, const Tile& base);
 
-// The tile that the update leaves. DataLoss where the content cannot be decoded or does not match
-// the checksum. Allocates no more than a tile, whatever the content claims.
-absl::StatusOr<Tile> TileOfUpdate(const TileUpdate& update);
+// The tile that the update leaves; `base` is the tile of its base_checksum, where that is not 0.
+// DataLoss where the content cannot be decoded or does not match the checksum. Allocates no more
+// than a tile, whatever the content claims.
+absl::StatusOr<Tile> TileOfUpdate(const TileUpdate& update, const Tile* base = nullptr);
 
 // XXH3 (64 bits) over key and control points, little-endian.
 uint64_t TileChecksum(TileKey key, const Tile& tile);

@@ -1,0 +1,217 @@
+#include "lib/replication/layer_follower.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+
+// What is on its way when a digest comes will mostly be there within this time, and of several
+// followers that lack the same one asks first.
+constexpr milliseconds kMaxBackOff(100);
+constexpr milliseconds kFirstRetry(300);
+constexpr int kMaxDoublings = 3;
+constexpr size_t kMaxWanted = 200'000;
+constexpr size_t kMaxAskedAtOnce = 256;  // tiles and nodes that are asked for and not there yet
+constexpr size_t kNodesPerPull = 100;    // so that a pull is one frame
+
+bool IsNode(const NodeKey& node) {
+  const int32_t limit = int32_t{1} << (24 - 3 * node.level);
+  return node.x >= -limit && node.x < limit && node.y >= -limit && node.y < limit;
+}
+
+}  // namespace
+
+LayerFollower::LayerFollower(LayerId id, uint64_t seed) : id_(std::move(id)), random_(seed) {}
+
+bool LayerFollower::Admit(const layer_epoch_t& layer) {
+  const LayerLife life = FromMessage(layer);
+  if (life.id != id_) return false;
+  if (epoch_ && life.epoch < *epoch_) {
+    ++counts_.stale;
+    return false;
+  }
+  if (!epoch_ || life.epoch > *epoch_) BeginLife(life.epoch);
+  return true;
+}
+
+void LayerFollower::BeginLife(LayerEpoch epoch) {
+  // A life that never was whole adds nothing to what is shown.
+  if (epoch_ && !previous_) {
+    previous_ = LayerSnapshot{id_, *epoch_, revision_, tiles_.Freeze()};
+    previous_index_ = std::exchange(index_, {});
+  }
+  epoch_ = epoch;
+  digest_.reset();
+  tiles_ = TileTreeEditor();
+  index_ = {};
+  at_digest_ = {};
+  revision_ = 0;
+  wanted_.clear();
+  in_sync_ = false;
+}
+
+void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point now) {
+  if (digest.protocol_version != kProtocolVersion) {
+    ++counts_.foreign;
+    return;
+  }
+  if (!Admit(digest.layer)) return;
+  if (digest_ && digest.revision < digest_->revision) {  // it was overtaken
+    ++counts_.stale;
+    return;
+  }
+  digest_ = digest;
+  at_digest_ = tiles_.Freeze();
+  in_sync_ = false;
+  LookForMatch(now);
+  if (in_sync_ || !wanted_.empty()) return;
+  const int root_level = std::clamp<int>(digest.root_level, 1, HashIndex::kMaxLevel);
+  for (const int32_t y : {-1, 0}) {
+    for (const int32_t x : {-1, 0}) Want({root_level, x, y}, now);
+  }
+}
+
+void LayerFollower::LookForMatch(Clock::time_point now) {
+  if (!digest_ || static_cast<uint64_t>(digest_->hash) != index_.hash() ||
+      digest_->num_tiles != static_cast<int64_t>(index_.num_tiles())) {
+    return;
+  }
+  in_sync_ = true;
+  last_match_ = now;
+  revision_ = static_cast<uint64_t>(digest_->revision);
+  wanted_.clear();
+  previous_.reset();
+  previous_index_ = {};
+}
+
+void LayerFollower::TakeUpdates(const layer_updates_t& updates) {
+  if (!Admit(updates.layer)) return;
+  for (const tile_update_t& update : updates.tiles) Apply(update);
+}
+
+bool LayerFollower::Apply(const tile_update_t& message) {
+  const TileUpdate update{{message.tx, message.ty},
+                          static_cast<uint64_t>(message.revision),
+                          std::string(message.content.begin(), message.content.end()),
+                          static_cast<uint64_t>(message.base_checksum),
+                          static_cast<uint64_t>(message.checksum)};
+  if (!IsInRange(update.key)) {
+    ++counts_.unusable;
+    return false;
+  }
+  if (tiles_.tree().Find(update.key) != nullptr &&
+      tiles_.tree().RevisionOf(update.key) >= update.revision) {
+    ++counts_.stale;
+    return false;
+  }
+  const absl::StatusOr<Tile> tile = TileOfUpdate(update, FindBase(update));
+  if (!tile.ok()) {
+    ++counts_.unusable;
+    return false;
+  }
+  Keep(update.key, std::make_shared<const Tile>(*tile), update.revision, update.checksum);
+  ++counts_.applied;
+  return true;
+}
+
+const Tile* LayerFollower::FindBase(const TileUpdate& update) const {
+  for (const TileTree* tree : {&at_digest_, &tiles_.tree()}) {
+    const Tile* tile = tree->Find(update.key);
+    if (tile != nullptr && TileChecksum(update.key, *tile) == update.base_checksum) return tile;
+  }
+  return nullptr;
+}
+
+void LayerFollower::Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision,
+                         uint64_t checksum) {
+  tiles_.Put(key, std::move(tile), revision);
+  index_.Set(key, checksum);
+  wanted_.erase({0, key.tx, key.ty});
+}
+
+void LayerFollower::TakeListing(const layer_listing_t& listing, Clock::time_point now) {
+  if (!Admit(listing.layer) || in_sync_) return;
+  for (const node_listing_t& node : listing.nodes) TakeNode(node, now);
+}
+
+void LayerFollower::TakeNode(const node_listing_t& listing, Clock::time_point now) {
+  const NodeKey node{listing.level, listing.x, listing.y};
+  if (node.level < 1 || node.level > HashIndex::kMaxLevel || !IsNode(node)) return;
+  wanted_.erase(node);
+  for (int n = 0; n < listing.num_children; ++n) {
+    const NodeKey child = node.Child(listing.children[n] & 63);
+    const auto hash = static_cast<uint64_t>(listing.hashes[n]);
+    if (index_.HashOf(child) == hash) {
+      wanted_.erase(child);
+      continue;
+    }
+    if (child.level > 0) {
+      Want(child, now);
+      continue;
+    }
+    const TileKey key{child.x, child.y};
+    const auto revision = static_cast<uint64_t>(listing.revisions[n]);
+    if (!IsInRange(key) || tiles_.tree().RevisionOf(key) >= revision) continue;
+    if (previous_ && previous_index_.HashOf(child) == hash) {
+      Keep(key, previous_->tiles.Share(key), revision, hash);
+    } else {
+      Want(child, now);
+    }
+  }
+}
+
+void LayerFollower::TakePull(const layer_pull_t& pull, Clock::time_point now) {
+  const LayerLife life = FromMessage(pull.layer);
+  if (life.id != id_ || life.epoch != epoch_) return;
+  for (int n = 0; n < pull.num_nodes; ++n) {
+    const auto wanted = wanted_.find({pull.levels[n], pull.xs[n], pull.ys[n]});
+    if (wanted == wanted_.end()) continue;
+    wanted->second.due = std::max(wanted->second.due, now + kFirstRetry + Random(kMaxBackOff));
+  }
+}
+
+void LayerFollower::Want(const NodeKey& node, Clock::time_point now) {
+  if (wanted_.size() >= kMaxWanted) return;
+  wanted_.try_emplace(node, Wanted{now + Random(kMaxBackOff)});
+}
+
+std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
+  std::vector<layer_pull_t> pulls;
+  if (!in_sync_) LookForMatch(now);
+  if (wanted_.empty()) return pulls;
+  size_t asked = 0;
+  for (const auto& [node, wanted] : wanted_) {
+    asked += wanted.times_asked > 0 && wanted.due > now ? 1 : 0;
+  }
+  for (auto& [node, wanted] : wanted_) {
+    if (asked >= kMaxAskedAtOnce) break;
+    if (wanted.due > now) continue;
+    if (pulls.empty() || pulls.back().levels.size() >= kNodesPerPull) {
+      pulls.emplace_back().layer = ToMessage(LayerLife{id_, *epoch_});
+    }
+    pulls.back().levels.push_back(node.level);
+    pulls.back().xs.push_back(node.x);
+    pulls.back().ys.push_back(node.y);
+    ++(node.level == 0 ? counts_.asked_tiles : counts_.asked_nodes);
+    ++asked;
+    const auto retry = kFirstRetry * (1 << std::min(wanted.times_asked, kMaxDoublings));
+    wanted.due = now + retry + Random(retry);
+    ++wanted.times_asked;
+  }
+  for (layer_pull_t& pull : pulls) pull.num_nodes = static_cast<int32_t>(pull.levels.size());
+  return pulls;
+}
+
+LayerSnapshot LayerFollower::Snapshot() {
+  if (previous_) return *previous_;
+  return {id_, epoch_.value_or(LayerEpoch{}), revision_, tiles_.Freeze()};
+}
+
+Clock::duration LayerFollower::Random(Clock::duration at_most) {
+  return Clock::duration(std::uniform_int_distribution<Clock::rep>(0, at_most.count())(random_));
+}
+
+}  // namespace splinemap

@@ -1,0 +1,95 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <random>
+#include <vector>
+
+#include "absl/container/flat_hash_map.h"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_listing_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lib/map/layer.h"
+#include "lib/map/tile_update.h"
+#include "lib/replication/hash_index.h"
+#include "lib/replication/protocol.h"
+
+namespace splinemap {
+
+// The follower's side of the protocol for one layer: a copy of what the owner has published, made
+// of whatever messages arrive, in any order and as often as they like. Digests tell whether it is
+// the whole; where not, it pulls what differs. Without clocks, threads or sockets of its own.
+// Thread-compatible.
+class LayerFollower {
+ public:
+  // `seed` spreads the times at which followers ask.
+  LayerFollower(LayerId id, uint64_t seed);
+
+  // Messages of other layers are ignored.
+  void TakeDigest(const layer_digest_t& digest, Clock::time_point now);
+  void TakeUpdates(const layer_updates_t& updates);
+  void TakeListing(const layer_listing_t& listing, Clock::time_point now);
+  // Another follower asks: the answer will come here, too.
+  void TakePull(const layer_pull_t& pull, Clock::time_point now);
+
+  // What is to be asked now. Call it some times a second.
+  std::vector<layer_pull_t> Tick(Clock::time_point now);
+
+  // The copy. Of a new life of the owner it is shown from the first moment in which it is whole;
+  // until then, what the life before left.
+  LayerSnapshot Snapshot();
+
+  // Whether the last digest matched, and when; the copy may have later changes beside.
+  bool in_sync() const { return in_sync_; }
+  std::optional<Clock::time_point> last_match() const { return last_match_; }
+
+  struct Counts {
+    int64_t applied = 0;
+    int64_t stale = 0;        // doubled, late, or of an older life
+    int64_t unusable = 0;     // differences to what is not there, and damaged ones
+    int64_t foreign = 0;      // of another version of the protocol
+    int64_t asked_tiles = 0;  // losses, and what a late joiner lacks
+    int64_t asked_nodes = 0;
+  };
+  const Counts& counts() const { return counts_; }
+
+ private:
+  struct Wanted {
+    Clock::time_point due;
+    int times_asked = 0;
+  };
+
+  // False where the message is none of this layer's present life.
+  bool Admit(const layer_epoch_t& layer);
+  void BeginLife(LayerEpoch epoch);
+  bool Apply(const tile_update_t& message);
+  const Tile* FindBase(const TileUpdate& update) const;
+  void Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision, uint64_t checksum);
+  void TakeNode(const node_listing_t& listing, Clock::time_point now);
+  void Want(const NodeKey& node, Clock::time_point now);
+  void LookForMatch(Clock::time_point now);
+  Clock::duration Random(Clock::duration at_most);
+
+  const LayerId id_;
+  std::mt19937_64 random_;
+
+  std::optional<LayerEpoch> epoch_;
+  std::optional<layer_digest_t> digest_;  // the last of this life
+  TileTreeEditor tiles_;
+  HashIndex index_;     // of tiles_
+  TileTree at_digest_;  // tiles_ when the last digest came
+  uint64_t revision_ = 0;
+
+  // What the life before left: shown until this one is whole, and a source of equal tiles.
+  std::optional<LayerSnapshot> previous_;
+  HashIndex previous_index_;
+
+  absl::flat_hash_map<NodeKey, Wanted> wanted_;
+  bool in_sync_ = false;
+  std::optional<Clock::time_point> last_match_;
+  Counts counts_;
+};
+
+}  // namespace splinemap

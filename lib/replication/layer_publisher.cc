@@ -1,0 +1,218 @@
+#include "lib/replication/layer_publisher.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace splinemap {
+namespace {
+
+constexpr size_t kMaxPulled = 100'000;  // more waiting pulls are for the next round
+constexpr double kMaxBurst_s = 0.25;
+
+tile_update_t ToMessage(const TileUpdate& update) {
+  tile_update_t message;
+  message.tx = update.key.tx;
+  message.ty = update.key.ty;
+  message.revision = static_cast<int64_t>(update.revision);
+  message.base_checksum = static_cast<int64_t>(update.base_checksum);
+  message.checksum = static_cast<int64_t>(update.checksum);
+  message.content.assign(update.content.begin(), update.content.end());
+  message.num_bytes = static_cast<int32_t>(message.content.size());
+  return message;
+}
+
+// Fills messages up to kMaxMessageBytes.
+class UpdateBatch {
+ public:
+  UpdateBatch(const LayerLife& life, std::vector<PublishedMessage>& messages)
+      : messages_(messages) {
+    batch_.layer = ToMessage(life);
+    batch_.num_tiles = 0;
+    empty_bytes_ = batch_.getEncodedSize();
+    bytes_ = empty_bytes_;
+  }
+  ~UpdateBatch() { Send(); }
+
+  // Returns what it adds to the bytes sent.
+  size_t Add(const TileUpdate& update) {
+    tile_update_t message = ToMessage(update);
+    const size_t bytes = message._getEncodedSizeNoHash();
+    if (bytes_ + bytes > kMaxMessageBytes) Send();
+    batch_.tiles.push_back(std::move(message));
+    bytes_ += bytes;
+    return bytes;
+  }
+
+ private:
+  void Send() {
+    if (batch_.tiles.empty()) return;
+    batch_.num_tiles = static_cast<int32_t>(batch_.tiles.size());
+    messages_.emplace_back(batch_);
+    batch_.tiles.clear();
+    bytes_ = empty_bytes_;
+  }
+
+  std::vector<PublishedMessage>& messages_;
+  layer_updates_t batch_;
+  size_t empty_bytes_;
+  size_t bytes_;
+};
+
+}  // namespace
+
+LayerPublisher::LayerPublisher(const LayerSnapshot& layer, const MapOptions& map_options,
+                               const PublisherOptions& options)
+    : life_{layer.id, layer.epoch},
+      map_options_(map_options),
+      options_(options),
+      layer_(layer),
+      published_(layer.tiles) {
+  layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    index_.Set(key, TileChecksum(key, *entry.tile));
+  });
+}
+
+void LayerPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point now) {
+  const uint64_t after_revision = layer_.revision;
+  layer.tiles.ForEachChanged(layer_.tiles.epoch(), [&](TileKey key, const TileTree::Entry&) {
+    if (waiting_.insert(key).second) changes_.push_back({key, after_revision, now});
+  });
+  layer_ = layer;
+}
+
+void LayerPublisher::TakePull(const layer_pull_t& pull) {
+  const LayerLife life = FromMessage(pull.layer);
+  if (life.id != life_.id || life.epoch != life_.epoch) {
+    ++foreign_pulls_;
+    return;
+  }
+  for (int n = 0; n < pull.num_nodes; ++n) {
+    if (pulled_tiles_.size() + pulled_nodes_.size() >= kMaxPulled) return;
+    const NodeKey node{pull.levels[n], pull.xs[n], pull.ys[n]};
+    if (node.level == 0) {
+      const TileKey key{node.x, node.y};
+      if (published_.tree().Find(key) != nullptr) pulled_tiles_.insert(key);
+    } else if (node.level > 0 && node.level <= HashIndex::kMaxLevel) {
+      pulled_nodes_.insert(node);
+    }
+  }
+}
+
+std::vector<PublishedMessage> LayerPublisher::Tick(Clock::time_point now) {
+  std::vector<PublishedMessage> messages;
+  Refill(now);
+  Answer(messages);
+  if (!last_push_ || now >= *last_push_ + options_.push_interval) {
+    last_push_ = now;
+    Push(messages);
+  }
+  if (!last_digest_ || now >= *last_digest_ + options_.digest_interval) {
+    last_digest_ = now;
+    messages.emplace_back(MakeDigest(now));
+    at_digest_ = published_.Freeze();
+  }
+  return messages;
+}
+
+void LayerPublisher::Refill(Clock::time_point now) {
+  const double passed_s =
+      last_refill_ ? std::chrono::duration<double>(now - *last_refill_).count() : kMaxBurst_s;
+  last_refill_ = now;
+  budget_bytes_ =
+      std::min(budget_bytes_ + passed_s * options_.bytes_per_s, kMaxBurst_s * options_.bytes_per_s);
+}
+
+// Listings first: they are short, and followers ask on by them. Tiles that were pulled get half of
+// what is left, so that neither they nor pushes can starve the other.
+void LayerPublisher::Answer(std::vector<PublishedMessage>& messages) {
+  layer_listing_t listing;
+  listing.layer = splinemap::ToMessage(life_);
+  listing.num_nodes = 0;
+  const auto send = [&] {
+    if (listing.nodes.empty()) return;
+    listing.num_nodes = static_cast<int32_t>(listing.nodes.size());
+    Spend(listing.getEncodedSize());
+    messages.emplace_back(listing);
+    listing.nodes.clear();
+    listing.num_nodes = 0;
+  };
+  size_t bytes = listing.getEncodedSize();
+  while (!pulled_nodes_.empty() && budget_bytes_ > 0) {
+    const NodeKey node = *pulled_nodes_.begin();
+    pulled_nodes_.erase(pulled_nodes_.begin());
+    node_listing_t of_node;
+    of_node.level = node.level;
+    of_node.x = node.x;
+    of_node.y = node.y;
+    for (const HashIndex::Child& child : index_.ChildrenOf(node)) {
+      const NodeKey key = node.Child(child.k);
+      of_node.children.push_back(static_cast<uint8_t>(child.k));
+      of_node.hashes.push_back(static_cast<int64_t>(child.hash));
+      of_node.revisions.push_back(
+          key.level > 0 ? 0 : static_cast<int64_t>(published_.tree().RevisionOf({key.x, key.y})));
+    }
+    of_node.num_children = static_cast<int32_t>(of_node.children.size());
+    const size_t node_bytes = of_node._getEncodedSizeNoHash();
+    if (bytes + node_bytes > kMaxMessageBytes) {
+      send();
+      bytes = listing.getEncodedSize();
+    }
+    bytes += node_bytes;
+    listing.nodes.push_back(std::move(of_node));
+  }
+  send();
+
+  const double reserve_bytes = waiting_.empty() ? 0 : budget_bytes_ / 2;
+  UpdateBatch batch(life_, messages);
+  while (!pulled_tiles_.empty() && budget_bytes_ > reserve_bytes) {
+    const TileKey key = *pulled_tiles_.begin();
+    pulled_tiles_.erase(pulled_tiles_.begin());
+    Spend(batch.Add(Publish(key, false)));
+  }
+}
+
+void LayerPublisher::Push(std::vector<PublishedMessage>& messages) {
+  UpdateBatch batch(life_, messages);
+  while (!changes_.empty() && budget_bytes_ > 0) {
+    const TileKey key = changes_.front().key;
+    changes_.pop_front();
+    if (waiting_.contains(key)) Spend(batch.Add(Publish(key, true)));
+  }
+}
+
+TileUpdate LayerPublisher::Publish(TileKey key, bool as_difference) {
+  waiting_.erase(key);
+  const uint64_t revision = layer_.tiles.RevisionOf(key);
+  std::shared_ptr<const Tile> tile = layer_.tiles.Share(key);
+  TileUpdate update = MakeTileUpdate(key, *tile, revision);
+  if (const Tile* base = at_digest_.Find(key); as_difference && base != nullptr) {
+    TileUpdate difference = MakeTileDifference(key, *tile, revision, *base);
+    if (difference.content.size() < update.content.size()) update = std::move(difference);
+  }
+  published_.Put(key, std::move(tile), revision);
+  index_.Set(key, update.checksum);
+  return update;
+}
+
+layer_digest_t LayerPublisher::MakeDigest(Clock::time_point now) {
+  while (!changes_.empty() && !waiting_.contains(changes_.front().key)) changes_.pop_front();
+  layer_digest_t digest;
+  digest.layer = splinemap::ToMessage(life_);
+  digest.protocol_version = kProtocolVersion;
+  digest.utime = std::chrono::duration_cast<std::chrono::microseconds>(
+                     std::chrono::system_clock::now().time_since_epoch())
+                     .count();
+  digest.knot_interval_m = map_options_.knot_interval_m;
+  digest.min_control_point = map_options_.limits.min;
+  digest.max_control_point = map_options_.limits.max;
+  digest.revision =
+      static_cast<int64_t>(changes_.empty() ? layer_.revision : changes_.front().after_revision);
+  digest.num_tiles = static_cast<int64_t>(index_.num_tiles());
+  digest.hash = static_cast<int64_t>(index_.hash());
+  digest.root_level = index_.root_level();
+  digest.lag_s =
+      changes_.empty() ? 0 : std::chrono::duration<double>(now - changes_.front().since).count();
+  return digest;
+}
+
+}  // namespace splinemap

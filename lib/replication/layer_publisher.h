@@ -1,0 +1,88 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <variant>
+#include <vector>
+
+#include "absl/container/flat_hash_map.h"
+#include "absl/container/flat_hash_set.h"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_listing_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lib/map/map.h"
+#include "lib/map/tile_update.h"
+#include "lib/replication/hash_index.h"
+#include "lib/replication/protocol.h"
+
+namespace splinemap {
+
+struct PublisherOptions {
+  double bytes_per_s = 1e6;  // of all that is sent but digests
+  std::chrono::milliseconds push_interval{100};
+  std::chrono::milliseconds digest_interval{1000};
+};
+
+// What an owner sends.
+using PublishedMessage = std::variant<layer_updates_t, layer_listing_t, layer_digest_t>;
+
+// The owner's side of the protocol for one layer: pushes changes, oldest first, says with a digest
+// what it has published, and answers pulls. Without clocks, threads or sockets of its own.
+// Thread-compatible.
+class LayerPublisher {
+ public:
+  // What `layer` has already counts as published: followers that lack it will pull it.
+  LayerPublisher(const LayerSnapshot& layer, const MapOptions& map_options,
+                 const PublisherOptions& options);
+
+  // The layer's newest state; what changed since the last one waits to be pushed.
+  void SetLayer(const LayerSnapshot& layer, Clock::time_point now);
+
+  // Pulls of other layers and other lives are ignored, and counted.
+  void TakePull(const layer_pull_t& pull);
+  int64_t foreign_pulls() const { return foreign_pulls_; }
+
+  // What is to be sent now. Call it a few times for each push_interval.
+  std::vector<PublishedMessage> Tick(Clock::time_point now);
+
+ private:
+  struct Change {
+    TileKey key;
+    uint64_t after_revision;  // a commit later than this one made it
+    Clock::time_point since;
+  };
+
+  void Refill(Clock::time_point now);
+  void Answer(std::vector<PublishedMessage>& messages);
+  void Push(std::vector<PublishedMessage>& messages);
+  // Publishes the tile as it is now, as a difference to the last digest where that is allowed and
+  // shorter.
+  TileUpdate Publish(TileKey key, bool as_difference);
+  layer_digest_t MakeDigest(Clock::time_point now);
+  void Spend(size_t bytes) { budget_bytes_ -= static_cast<double>(bytes); }
+
+  const LayerLife life_;
+  const MapOptions map_options_;
+  const PublisherOptions options_;
+
+  LayerSnapshot layer_;
+  TileTreeEditor published_;
+  HashIndex index_;     // of published_
+  TileTree at_digest_;  // published_ when the last digest was sent
+
+  std::deque<Change> changes_;  // by age; those no longer in waiting_ are done
+  absl::flat_hash_set<TileKey> waiting_;
+  absl::flat_hash_set<TileKey> pulled_tiles_;
+  absl::flat_hash_set<NodeKey> pulled_nodes_;
+  int64_t foreign_pulls_ = 0;
+
+  double budget_bytes_ = 0;
+  std::optional<Clock::time_point> last_refill_;
+  std::optional<Clock::time_point> last_push_;
+  std::optional<Clock::time_point> last_digest_;
+};
+
+}  // namespace splinemap

@@ -1,0 +1,385 @@
+// The protocol between the owner of a layer and its followers over random schedules: messages are
+// lost, doubled, late and out of order, links are cut, followers come late and start anew, owners
+// crash and go on from older files or from none. Time is virtual.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <functional>
+#include <map>
+#include <memory>
+#include <queue>
+#include <random>
+#include <vector>
+
+#include "lib/map/map.h"
+#include "lib/map/tile_update.h"
+#include "lib/replication/layer_follower.h"
+#include "lib/replication/layer_publisher.h"
+#include "tests/support/random_map.h"
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+using Random = std::mt19937_64;
+
+constexpr milliseconds kStep(20);
+const LayerId kId{"robot", 7};
+const MapOptions kMapOptions{0.05, {}};
+
+struct Weather {
+  double loss = 0;
+  double doubling = 0;
+  milliseconds max_delay{0};  // random, so that messages overtake each other
+};
+
+// Calls what was sent when it arrives.
+class Network {
+ public:
+  Network(Weather weather, uint64_t seed) : weather_(weather), random_(seed) {}
+
+  Clock::time_point now() const { return now_; }
+  void SetWeather(Weather weather) { weather_ = weather; }
+  void SetCut(bool is_cut) { is_cut_ = is_cut; }
+
+  // To one receiver.
+  void Send(std::function<void()> arrive) {
+    if (is_cut_) return;
+    std::uniform_real_distribution<double> chance(0, 1);
+    const int copies = chance(random_) < weather_.doubling ? 2 : 1;
+    for (int copy = 0; copy < copies; ++copy) {
+      if (chance(random_) < weather_.loss) continue;
+      const milliseconds delay(
+          std::uniform_int_distribution<int64_t>(0, weather_.max_delay.count())(random_));
+      on_the_way_.push({now_ + delay, ++sent_, arrive});
+    }
+  }
+
+  void Advance() {
+    now_ += kStep;
+    while (!on_the_way_.empty() && on_the_way_.top().at <= now_) {
+      const auto arrive = on_the_way_.top().arrive;
+      on_the_way_.pop();
+      arrive();
+    }
+  }
+
+ private:
+  struct OnTheWay {
+    Clock::time_point at;
+    uint64_t number;
+    std::function<void()> arrive;
+    bool operator<(const OnTheWay& other) const {
+      return std::tie(at, number) > std::tie(other.at, other.number);
+    }
+  };
+
+  Weather weather_;
+  Random random_;
+  bool is_cut_ = false;
+  Clock::time_point now_{std::chrono::hours(1)};
+  uint64_t sent_ = 0;
+  std::priority_queue<OnTheWay> on_the_way_;
+};
+
+// An owner with its map, and followers, on one network.
+class World {
+ public:
+  World(Weather weather, PublisherOptions options, uint64_t seed)
+      : network_(weather, seed), options_(options), random_(seed + 1) {
+    StartOwner(nullptr);
+  }
+
+  Network& network() { return network_; }
+  Random& random() { return random_; }
+  size_t num_followers() const { return followers_.size(); }
+  LayerFollower& follower(size_t n) { return *followers_[n]; }
+
+  void AddFollower() {
+    followers_.push_back(nullptr);
+    RestartFollower(followers_.size() - 1);
+  }
+  // Messages that are on their way to the one before are lost.
+  void RestartFollower(size_t n) {
+    followers_[n] = std::make_shared<LayerFollower>(kId, random_());
+  }
+
+  // Goes on from an older state, or from an empty one. The incarnation counts on.
+  void StartOwner(const LayerSnapshot* file) {
+    const LayerEpoch epoch{++incarnation_, random_()};
+    map_ = std::make_unique<Map>(kMapOptions);
+    layer_ = file == nullptr ? &map_->AddLayer(kId, epoch) : &map_->ContinueLayer(*file, epoch);
+    publisher_ = std::make_shared<LayerPublisher>(layer_->Snapshot(), kMapOptions, options_);
+  }
+  LayerSnapshot OwnersLayer() { return layer_->Snapshot(); }
+  LayerPublisher& publisher() { return *publisher_; }
+  void SilenceOwner(bool is_silent) { is_silent_ = is_silent; }
+
+  // Some tiles within `half_width` of the origin.
+  void Commit(int half_width) {
+    layer_->BeginCommit();
+    for (int n = 0; n < 4; ++n) {
+      Tile& tile = layer_->EditTile(RandomKey(random_, half_width));
+      for (int k = 0; k < 40; ++k) {
+        tile.control_points[random_() % Tile::kSize] =
+            static_cast<ControlPoint>(1 + random_() % 1000);
+      }
+    }
+  }
+
+  void Step() {
+    network_.Advance();
+    if (!is_silent_) {
+      publisher_->SetLayer(layer_->Snapshot(), network_.now());
+      for (const PublishedMessage& message : publisher_->Tick(network_.now())) {
+        std::visit([&](const auto& m) { Broadcast(m); }, message);
+      }
+    }
+    for (const auto& follower : followers_) {
+      for (const layer_pull_t& pull : follower->Tick(network_.now())) {
+        Ask(pull, follower.get());
+      }
+    }
+  }
+  void Run(milliseconds duration) {
+    for (milliseconds passed(0); passed < duration; passed += kStep) Step();
+  }
+
+  bool AllInSync() {
+    return std::all_of(followers_.begin(), followers_.end(), [&](const auto& follower) {
+      return follower->in_sync() && IsEqual(*follower);
+    });
+  }
+  bool IsEqual(LayerFollower& follower) {
+    const LayerSnapshot owner = layer_->Snapshot();
+    const LayerSnapshot copy = follower.Snapshot();
+    if (owner.tiles.size() != copy.tiles.size() || owner.epoch != copy.epoch) return false;
+    bool is_equal = true;
+    owner.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+      const Tile* tile = copy.tiles.Find(key);
+      is_equal = is_equal && tile != nullptr && *tile == *entry.tile &&
+                 copy.tiles.RevisionOf(key) == entry.revision;
+    });
+    return is_equal;
+  }
+
+  int64_t bytes_sent() const { return bytes_sent_; }
+  int64_t tiles_sent() const { return tiles_sent_; }
+
+ private:
+  void Broadcast(const layer_updates_t& updates) {
+    EXPECT_TRUE(updates.getEncodedSize() <= int(kMaxMessageBytes) || updates.num_tiles == 1);
+    tiles_sent_ += updates.num_tiles;
+    ToFollowers(updates, [updates](LayerFollower& f, auto) { f.TakeUpdates(updates); });
+  }
+  void Broadcast(const layer_digest_t& digest) {
+    ToFollowers(digest, [digest](LayerFollower& f, auto now) { f.TakeDigest(digest, now); });
+  }
+  void Broadcast(const layer_listing_t& listing) {
+    ToFollowers(listing, [listing](LayerFollower& f, auto now) { f.TakeListing(listing, now); });
+  }
+  template <typename Message, typename Take>
+  void ToFollowers(const Message& message, Take take) {
+    bytes_sent_ += message.getEncodedSize();
+    for (const std::weak_ptr<LayerFollower> follower : followers_) {
+      network_.Send([this, follower, take] {
+        if (const auto there = follower.lock()) take(*there, network_.now());
+      });
+    }
+  }
+  void Ask(const layer_pull_t& pull, const LayerFollower* asker) {
+    bytes_sent_ += pull.getEncodedSize();
+    network_.Send([pull, owner = std::weak_ptr(publisher_)] {
+      if (const auto there = owner.lock()) there->TakePull(pull);
+    });
+    for (const std::weak_ptr<LayerFollower> other : followers_) {
+      if (other.lock().get() == asker) continue;
+      network_.Send([this, pull, other] {
+        if (const auto there = other.lock()) there->TakePull(pull, network_.now());
+      });
+    }
+  }
+
+  Network network_;
+  PublisherOptions options_;
+  Random random_;
+  uint64_t incarnation_ = 0;
+  std::unique_ptr<Map> map_;
+  Layer* layer_ = nullptr;
+  std::shared_ptr<LayerPublisher> publisher_;
+  bool is_silent_ = false;
+  std::vector<std::shared_ptr<LayerFollower>> followers_;
+  int64_t bytes_sent_ = 0;
+  int64_t tiles_sent_ = 0;
+};
+
+TEST(ReplicationTest, WithoutLossPushesAreEnough) {
+  World world({}, {}, 1);
+  for (int n = 0; n < 3; ++n) world.AddFollower();
+  for (int n = 0; n < 200; ++n) {
+    world.Commit(10);
+    world.Run(milliseconds(100));
+  }
+  world.Run(milliseconds(1500));
+  EXPECT_TRUE(world.AllInSync());
+  for (size_t n = 0; n < world.num_followers(); ++n) {
+    EXPECT_EQ(world.follower(n).counts().asked_tiles, 0);
+    EXPECT_EQ(world.follower(n).counts().unusable, 0);
+  }
+}
+
+TEST(ReplicationTest, NothingButTheDigestIsSentWhenNothingChanges) {
+  World world({}, {}, 2);
+  world.AddFollower();
+  world.Commit(10);
+  world.Run(milliseconds(3000));
+  const int64_t bytes = world.bytes_sent();
+  world.Run(milliseconds(10'000));
+  EXPECT_LE(world.bytes_sent() - bytes, 10 * 160);
+  EXPECT_TRUE(world.AllInSync());
+}
+
+TEST(ReplicationTest, ALateFollowerGetsTheWholeMap) {
+  World world({}, {}, 3);
+  for (int n = 0; n < 300; ++n) {
+    world.Commit(40);
+    world.Step();
+  }
+  world.Run(milliseconds(2000));
+  world.AddFollower();
+  world.Run(milliseconds(5000));
+  EXPECT_TRUE(world.AllInSync());
+}
+
+TEST(ReplicationTest, ALossHeardByManyIsMendedOnce) {
+  World world({}, {}, 4);
+  for (int n = 0; n < 32; ++n) world.AddFollower();
+  world.Commit(10);
+  world.Run(milliseconds(1500));
+  ASSERT_TRUE(world.AllInSync());
+  // One update gets lost for all.
+  world.network().SetCut(true);
+  world.Commit(10);
+  world.Run(milliseconds(200));
+  world.network().SetCut(false);
+  const int64_t tiles = world.tiles_sent();
+  world.Run(milliseconds(4000));
+  EXPECT_TRUE(world.AllInSync());
+  int64_t asked = 0;
+  for (size_t n = 0; n < world.num_followers(); ++n)
+    asked += world.follower(n).counts().asked_tiles;
+  EXPECT_LE(world.tiles_sent() - tiles, 8);
+  EXPECT_LE(asked, 32);  // of 4 x 32
+}
+
+TEST(ReplicationTest, AnOwnerThatStartsAgainFromItsFileSendsNothingAgain) {
+  World world({}, {}, 5);
+  world.AddFollower();
+  for (int n = 0; n < 50; ++n) world.Commit(10);
+  world.Run(milliseconds(3000));
+  ASSERT_TRUE(world.AllInSync());
+  const LayerSnapshot file = world.OwnersLayer();
+  const LayerSnapshot before = world.follower(0).Snapshot();
+  const int64_t tiles = world.tiles_sent();
+  world.StartOwner(&file);
+  for (int n = 0; n < 200; ++n) {
+    world.Step();
+    // What is shown never is less than the map.
+    ASSERT_EQ(world.follower(0).Snapshot().tiles.size(), before.tiles.size());
+  }
+  EXPECT_TRUE(world.AllInSync());
+  EXPECT_EQ(world.follower(0).Snapshot().epoch.incarnation, 2u);
+  EXPECT_EQ(world.tiles_sent() - tiles, 0);
+}
+
+TEST(ReplicationTest, AnOlderLifeIsIgnored) {
+  World world({}, {}, 6);
+  world.AddFollower();
+  world.Commit(5);
+  world.Run(milliseconds(2000));
+  layer_digest_t old;
+  old.layer = ToMessage({kId, {0, 99}});
+  old.protocol_version = kProtocolVersion;
+  world.follower(0).TakeDigest(old, world.network().now());
+  EXPECT_TRUE(world.AllInSync());
+  EXPECT_EQ(world.follower(0).counts().stale, 1);
+}
+
+TEST(ReplicationTest, AnotherVersionIsNotFollowed) {
+  LayerFollower follower(kId, 1);
+  layer_digest_t digest;
+  digest.layer = ToMessage({kId, {1, 1}});
+  digest.protocol_version = kProtocolVersion + 1;
+  follower.TakeDigest(digest, Clock::now());
+  EXPECT_EQ(follower.counts().foreign, 1);
+  EXPECT_FALSE(follower.in_sync());
+}
+
+class RandomSchedule : public testing::TestWithParam<int> {};
+
+TEST_P(RandomSchedule, EndsWithEqualBytes) {
+  Random random(GetParam());
+  for (int schedule = 0; schedule < 20; ++schedule) {
+    const uint64_t seed = random();
+    SCOPED_TRACE(seed);
+    const auto any = [&](auto... values) {
+      const std::vector choices{values...};
+      return choices[random() % choices.size()];
+    };
+    const Weather weather{any(0.0, 0.01, 0.1, 0.3), any(0.0, 0.05, 0.5),
+                          any(milliseconds(0), milliseconds(30), milliseconds(400))};
+    PublisherOptions options;
+    options.bytes_per_s = any(1e6, 1e5, 2e4);
+    World world(weather, options, seed);
+    for (int n = any(1, 2, 5); n > 0; --n) world.AddFollower();
+    const int half_width = any(2, 10, 1000);
+    LayerSnapshot file = world.OwnersLayer();
+    for (int event = 0; event < 60; ++event) {
+      switch (random() % 16) {
+        case 0:
+          world.network().SetCut(true);
+          break;
+        case 1:
+          world.AddFollower();
+          break;
+        case 2:
+          world.RestartFollower(random() % world.num_followers());
+          break;
+        case 3:
+          file = world.OwnersLayer();
+          break;
+        case 4:
+          world.StartOwner(&file);
+          break;
+        case 5:
+          if (random() % 4 == 0) world.StartOwner(nullptr);
+          break;
+        case 6:
+          world.SilenceOwner(true);
+          break;
+        case 7:
+          world.Run(milliseconds(2000));
+          break;
+        default:
+          world.network().SetCut(false);
+          world.SilenceOwner(false);
+          for (int n = 0; n < 5; ++n) {
+            world.Commit(half_width);
+            world.Run(milliseconds(60));
+          }
+      }
+    }
+    // From now on packets get through, most of them.
+    world.network().SetCut(false);
+    world.SilenceOwner(false);
+    for (int second = 0; second < 120 && !world.AllInSync(); ++second) {
+      world.Run(milliseconds(1000));
+    }
+    ASSERT_TRUE(world.AllInSync());
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Seeds, RandomSchedule, testing::Range(1, 9));
+
+}  // namespace
+}  // namespace splinemap
