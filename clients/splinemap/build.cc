@@ -1,11 +1,8 @@
 #include <cstdio>
-#include <filesystem>
 #include <memory>
 
-#include "absl/cleanup/cleanup.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/progress.h"
-#include "lib/base/file.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/config/flags.h"
@@ -38,23 +35,6 @@ void Report(const MapperCounts& counts, const MapSnapshot& map, const std::strin
   std::fprintf(stderr, "mapped %ld of %ld scans with %ld poses; %zu tiles in %s\n",
                static_cast<long>(counts.scans_mapped), static_cast<long>(counts.scans_received),
                static_cast<long>(counts.poses_received), map.merged.size(), out.c_str());
-}
-
-// A save is whole or not at all, and so is the file: it gets its name when it is complete.
-absl::Status SaveAs(const MapSnapshot& map, const std::string& out) {
-  const std::string part = TemporaryPathFor(out);
-  const absl::Cleanup remove_part = [&] {
-    std::error_code error;
-    for (const char* beside : {"", "-wal", "-shm", "-journal"}) {
-      std::filesystem::remove(part + beside, error);
-    }
-  };
-  {
-    SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(part));
-    SPLINEMAP_RETURN_IF_ERROR(file.Save(map));
-    SPLINEMAP_RETURN_IF_ERROR(file.Close());
-  }
-  return MapFile::Rename(part, out);
 }
 
 absl::StatusOr<int> Build(const Flags& flags) {

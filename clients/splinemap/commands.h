@@ -21,6 +21,9 @@ using Command = std::function<absl::StatusOr<int>()>;
 // Whether a command may write this file: its folder is there, and so is the file only with `force`.
 absl::Status CheckOutput(const std::string& path, bool force);
 
+// Writes the map to `out`, whole or not at all.
+absl::Status SaveAs(const MapSnapshot& map, const std::string& out);
+
 // Shows what was damaged, on stderr. The exit status of a command that else succeeded.
 int ReportDamages(const LoadedMap& loaded);
 
@@ -34,6 +37,7 @@ void AddInfo(CLI::App& app, Command& chosen);
 void AddQuery(CLI::App& app, Command& chosen);
 void AddRender(CLI::App& app, Command& chosen);
 void AddSimulate(CLI::App& app, Command& chosen);
+void AddSnapshot(CLI::App& app, Command& chosen);
 void AddWatch(CLI::App& app, Command& chosen);
 
 }  // namespace splinemap

@@ -31,6 +31,7 @@ int Main(int argc, char** argv) {
   AddDiff(app, chosen);
   AddDoctor(app, chosen);
   AddWatch(app, chosen);
+  AddSnapshot(app, chosen);
   AddSimulate(app, chosen);
   AddImportCarmen(app, chosen);
   try {

@@ -6,7 +6,9 @@
 #include <cstring>
 #include <filesystem>
 
+#include "absl/cleanup/cleanup.h"
 #include "clients/splinemap/commands.h"
+#include "lib/base/file.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -26,6 +28,22 @@ absl::Status CheckOutput(const std::string& path, bool force) {
   }
   if (!force) return InvalidArgument("{} exists; --force replaces it", path);
   return absl::OkStatus();
+}
+
+absl::Status SaveAs(const MapSnapshot& map, const std::string& out) {
+  const std::string part = TemporaryPathFor(out);
+  const absl::Cleanup remove_part = [&] {
+    std::error_code error;
+    for (const char* beside : {"", "-wal", "-shm", "-journal"}) {
+      std::filesystem::remove(part + beside, error);
+    }
+  };
+  {
+    SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(part));
+    SPLINEMAP_RETURN_IF_ERROR(file.Save(map));
+    SPLINEMAP_RETURN_IF_ERROR(file.Close());
+  }
+  return MapFile::Rename(part, out);
 }
 
 int ReportDamages(const LoadedMap& loaded) {

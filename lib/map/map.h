@@ -7,6 +7,7 @@
 
 #include "absl/types/span.h"
 #include "lib/map/layer.h"
+#include "lib/map/merged_tiles.h"
 #include "lib/map/tile.h"
 #include "lib/map/tile_tree.h"
 #include "lib/spline/surface.h"
@@ -58,12 +59,9 @@ class Map {
   std::shared_ptr<const MapSnapshot> Snapshot();
 
  private:
-  void UpdateMerged(const std::vector<LayerSnapshot>& layers);
-
   MapOptions options_;
   std::deque<Layer> layers_;
-  TileTreeEditor merged_;
-  std::vector<uint64_t> merged_up_to_;  // epoch of each layer's tiles that are in merged_
+  MergedTiles merged_;
 };
 
 }  // namespace splinemap

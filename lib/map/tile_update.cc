@@ -43,7 +43,7 @@ absl::StatusOr<Tile> DecodeTile(const std::string& content) {
 }
 
 TileUpdate MakeTileUpdate(TileKey key, const Tile& tile, uint64_t revision) {
-  return {key, revision, EncodeTile(tile), 0, TileChecksum(key, tile)};
+  return {key, revision, EncodeTile(tile), TileChecksum(key, tile)};
 }
 
 TileUpdate MakeTileDifference(TileKey key, const Tile& tile, uint64_t revision, const Tile& base) {
@@ -52,7 +52,7 @@ TileUpdate MakeTileDifference(TileKey key, const Tile& tile, uint64_t revision, 
     difference.control_points[k] =
         static_cast<ControlPoint>(tile.control_points[k] - base.control_points[k]);
   }
-  return {key, revision, EncodeTile(difference), TileChecksum(key, base), TileChecksum(key, tile)};
+  return {key, revision, EncodeTile(difference), TileChecksum(key, tile), TileChecksum(key, base)};
 }
 
 absl::StatusOr<Tile> TileOfUpdate(const TileUpdate& update, const Tile* base) {

@@ -16,8 +16,8 @@ struct TileUpdate {
   // EncodeTile of the whole tile; or, where base_checksum is not 0, of its difference, point by
   // point and modulo 2^16, to the tile of that TileChecksum.
   std::string content;
-  uint64_t base_checksum = 0;
   uint64_t checksum = 0;  // TileChecksum of the tile that results
+  uint64_t base_checksum = 0;
 };
 
 TileUpdate MakeTileUpdate(TileKey key, const Tile& tile, uint64_t revision);

@@ -40,7 +40,7 @@ bool LayerFollower::Admit(const layer_epoch_t& layer) {
 void LayerFollower::BeginLife(LayerEpoch epoch) {
   // A life that never was whole adds nothing to what is shown.
   if (epoch_ && !previous_) {
-    previous_ = LayerSnapshot{id_, *epoch_, revision_, tiles_.Freeze()};
+    previous_ = OwnSnapshot();
     previous_index_ = std::exchange(index_, {});
   }
   epoch_ = epoch;
@@ -49,6 +49,7 @@ void LayerFollower::BeginLife(LayerEpoch epoch) {
   index_ = {};
   at_digest_ = {};
   revision_ = 0;
+  newest_revision_ = 0;
   wanted_.clear();
   in_sync_ = false;
 }
@@ -82,6 +83,8 @@ void LayerFollower::LookForMatch(Clock::time_point now) {
   in_sync_ = true;
   last_match_ = now;
   revision_ = static_cast<uint64_t>(digest_->revision);
+  newest_revision_ = std::max(newest_revision_, revision_);
+  whole_ = OwnSnapshot();
   wanted_.clear();
   previous_.reset();
   previous_index_ = {};
@@ -96,8 +99,8 @@ bool LayerFollower::Apply(const tile_update_t& message) {
   const TileUpdate update{{message.tx, message.ty},
                           static_cast<uint64_t>(message.revision),
                           std::string(message.content.begin(), message.content.end()),
-                          static_cast<uint64_t>(message.base_checksum),
-                          static_cast<uint64_t>(message.checksum)};
+                          static_cast<uint64_t>(message.checksum),
+                          static_cast<uint64_t>(message.base_checksum)};
   if (!IsInRange(update.key)) {
     ++counts_.unusable;
     return false;
@@ -129,6 +132,7 @@ void LayerFollower::Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t
                          uint64_t checksum) {
   tiles_.Put(key, std::move(tile), revision);
   index_.Set(key, checksum);
+  newest_revision_ = std::max(newest_revision_, revision);
   wanted_.erase({0, key.tx, key.ty});
 }
 
@@ -205,9 +209,10 @@ std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
   return pulls;
 }
 
-LayerSnapshot LayerFollower::Snapshot() {
-  if (previous_) return *previous_;
-  return {id_, epoch_.value_or(LayerEpoch{}), revision_, tiles_.Freeze()};
+LayerSnapshot LayerFollower::Snapshot() { return previous_ ? *previous_ : OwnSnapshot(); }
+
+LayerSnapshot LayerFollower::OwnSnapshot() {
+  return {id_, epoch(), newest_revision_, tiles_.Freeze()};
 }
 
 Clock::duration LayerFollower::Random(Clock::duration at_most) {

@@ -41,6 +41,13 @@ class LayerFollower {
   // until then, what the life before left.
   LayerSnapshot Snapshot();
 
+  // The copy when a digest matched for the last time; nothing where none has.
+  const std::optional<LayerSnapshot>& whole() const { return whole_; }
+
+  LayerEpoch epoch() const { return epoch_.value_or(LayerEpoch{}); }
+  uint64_t revision() const { return revision_; }  // of the last digest that matched, or 0
+  size_t num_tiles() const { return index_.num_tiles(); }
+
   // Whether the last digest matched, and when; the copy may have later changes beside.
   bool in_sync() const { return in_sync_; }
   std::optional<Clock::time_point> last_match() const { return last_match_; }
@@ -70,6 +77,7 @@ class LayerFollower {
   void TakeNode(const node_listing_t& listing, Clock::time_point now);
   void Want(const NodeKey& node, Clock::time_point now);
   void LookForMatch(Clock::time_point now);
+  LayerSnapshot OwnSnapshot();
   Clock::duration Random(Clock::duration at_most);
 
   const LayerId id_;
@@ -81,6 +89,8 @@ class LayerFollower {
   HashIndex index_;     // of tiles_
   TileTree at_digest_;  // tiles_ when the last digest came
   uint64_t revision_ = 0;
+  uint64_t newest_revision_ = 0;  // of any tile
+  std::optional<LayerSnapshot> whole_;
 
   // What the life before left: shown until this one is whole, and a source of equal tiles.
   std::optional<LayerSnapshot> previous_;

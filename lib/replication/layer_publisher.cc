@@ -114,6 +114,12 @@ std::vector<PublishedMessage> LayerPublisher::Tick(Clock::time_point now) {
   return messages;
 }
 
+std::vector<PublishedMessage> LayerPublisher::LastTick(Clock::time_point now) {
+  last_push_.reset();
+  last_digest_.reset();
+  return Tick(now);
+}
+
 void LayerPublisher::Refill(Clock::time_point now) {
   const double passed_s =
       last_refill_ ? std::chrono::duration<double>(now - *last_refill_).count() : kMaxBurst_s;

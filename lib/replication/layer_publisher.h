@@ -47,6 +47,8 @@ class LayerPublisher {
 
   // What is to be sent now. Call it a few times for each push_interval.
   std::vector<PublishedMessage> Tick(Clock::time_point now);
+  // The same, whatever the intervals: what waits, and a digest.
+  std::vector<PublishedMessage> LastTick(Clock::time_point now);
 
  private:
   struct Change {

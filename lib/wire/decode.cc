@@ -51,6 +51,7 @@ class SizeWalk {
     for (size_t k = 0; fits_ && k < count; ++k) String();
   }
 
+  bool fits() const { return fits_; }
   bool AtEnd() const { return fits_ && rest_.empty(); }
 
  private:
@@ -63,6 +64,11 @@ uint64_t BigEndian64(absl::Span<const uint8_t> bytes) {
   uint64_t value = 0;
   for (size_t k = 0; k < 8; ++k) value = (value << 8) | bytes[k];
   return value;
+}
+
+void SkipLayerEpoch(SizeWalk& walk) {
+  walk.String();  // name
+  walk.Skip(3 * 8);
 }
 
 bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
@@ -104,6 +110,28 @@ bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
       walk.String();  // last_problem
       break;
     }
+    case MessageType::kLayerDigest:
+      SkipLayerEpoch(walk);
+      walk.Skip(4 + 8 + 8 + 2 * 4 + 3 * 8 + 4 + 8);
+      break;
+    case MessageType::kLayerUpdates:
+      SkipLayerEpoch(walk);
+      for (size_t left = walk.Count(); walk.fits() && left > 0; --left) {
+        walk.Skip(2 * 4 + 3 * 8);
+        walk.Skip(walk.Count());  // content
+      }
+      break;
+    case MessageType::kLayerListing:
+      SkipLayerEpoch(walk);
+      for (size_t left = walk.Count(); walk.fits() && left > 0; --left) {
+        walk.Skip(3 * 4);
+        walk.Skip((1 + 8 + 8) * walk.Count());  // children
+      }
+      break;
+    case MessageType::kLayerPull:
+      SkipLayerEpoch(walk);
+      walk.Skip(3 * 4 * walk.Count());  // nodes
+      break;
   }
   return walk.AtEnd();
 }
@@ -130,7 +158,9 @@ absl::StatusOr<Message> Decode(MessageType type, absl::Span<const uint8_t> messa
     return InvalidArgument("{} whose counts do not fit its {} bytes", TypeName(type),
                            message.size());
   }
-  SPLINEMAP_RETURN_IF_ERROR(CheckUtime(decoded.utime));
+  if constexpr (requires { decoded.utime; }) {
+    SPLINEMAP_RETURN_IF_ERROR(CheckUtime(decoded.utime));
+  }
   return decoded;
 }
 
@@ -187,11 +217,24 @@ std::optional<MessageType> TypeOfFingerprint(uint64_t fingerprint) {
   if (hash == michigan::pose_xyt_t::getHash()) return MessageType::kMichiganPose;
   if (hash == bot_core::rigid_transform_t::getHash()) return MessageType::kRigidTransform;
   if (hash == status_t::getHash()) return MessageType::kStatus;
+  if (hash == layer_digest_t::getHash()) return MessageType::kLayerDigest;
+  if (hash == layer_updates_t::getHash()) return MessageType::kLayerUpdates;
+  if (hash == layer_listing_t::getHash()) return MessageType::kLayerListing;
+  if (hash == layer_pull_t::getHash()) return MessageType::kLayerPull;
   return std::nullopt;
 }
 
-absl::Status UnknownType(absl::Span<const uint8_t> message, const char* expected) {
+absl::Status UnknownType(absl::Span<const uint8_t> message, const std::string& expected) {
   return InvalidArgument("{}; {}", Describe(message), expected);
+}
+
+// For channels that take one type.
+template <typename Message>
+absl::StatusOr<Message> DecodeOnly(MessageType type, absl::Span<const uint8_t> message) {
+  if (TypeOf(message) != type) {
+    return UnknownType(message, fmt::format("expected a {}", TypeName(type)));
+  }
+  return Decode<Message>(type, message);
 }
 
 }  // namespace
@@ -210,6 +253,14 @@ const char* TypeName(MessageType type) {
       return "bot_core.rigid_transform_t";
     case MessageType::kStatus:
       return "splinemap.status_t";
+    case MessageType::kLayerDigest:
+      return "splinemap.layer_digest_t";
+    case MessageType::kLayerUpdates:
+      return "splinemap.layer_updates_t";
+    case MessageType::kLayerListing:
+      return "splinemap.layer_listing_t";
+    case MessageType::kLayerPull:
+      return "splinemap.layer_pull_t";
   }
   return "unknown";
 }
@@ -302,10 +353,31 @@ absl::StatusOr<SensorMount> DecodeSensorMount(absl::Span<const uint8_t> message)
 }
 
 absl::StatusOr<status_t> DecodeStatus(absl::Span<const uint8_t> message) {
-  if (TypeOf(message) != MessageType::kStatus) {
-    return UnknownType(message, "expected a splinemap.status_t");
-  }
-  return Decode<status_t>(MessageType::kStatus, message);
+  return DecodeOnly<status_t>(MessageType::kStatus, message);
+}
+
+absl::StatusOr<layer_digest_t> DecodeLayerDigest(absl::Span<const uint8_t> message) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto digest,
+                             DecodeOnly<layer_digest_t>(MessageType::kLayerDigest, message));
+  const bool is_plausible =
+      digest.knot_interval_m > 0 && std::isfinite(digest.knot_interval_m) && digest.lag_s >= 0 &&
+      digest.min_control_point >= std::numeric_limits<int16_t>::min() &&
+      digest.max_control_point <= std::numeric_limits<int16_t>::max() &&
+      digest.min_control_point < digest.max_control_point && digest.num_tiles >= 0;
+  if (!is_plausible) return InvalidArgument("layer_digest_t with values that cannot be");
+  return digest;
+}
+
+absl::StatusOr<layer_updates_t> DecodeLayerUpdates(absl::Span<const uint8_t> message) {
+  return DecodeOnly<layer_updates_t>(MessageType::kLayerUpdates, message);
+}
+
+absl::StatusOr<layer_listing_t> DecodeLayerListing(absl::Span<const uint8_t> message) {
+  return DecodeOnly<layer_listing_t>(MessageType::kLayerListing, message);
+}
+
+absl::StatusOr<layer_pull_t> DecodeLayerPull(absl::Span<const uint8_t> message) {
+  return DecodeOnly<layer_pull_t>(MessageType::kLayerPull, message);
 }
 
 }  // namespace splinemap

@@ -6,6 +6,10 @@
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_listing_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/sensing/pose_buffer.h"
 #include "lib/sensing/scan.h"
@@ -21,7 +25,11 @@ enum class MessageType {
   kMichiganLidar,
   kMichiganPose,
   kRigidTransform,
-  kStatus
+  kStatus,
+  kLayerDigest,
+  kLayerUpdates,
+  kLayerListing,
+  kLayerPull
 };
 
 // As users know it: "bot_core.planar_lidar_t", ...
@@ -40,7 +48,7 @@ std::string Describe(absl::Span<const uint8_t> message);
 // The first eight bytes, or nothing where there are fewer.
 std::optional<uint64_t> FingerprintOf(absl::Span<const uint8_t> message);
 std::optional<MessageType> TypeOf(absl::Span<const uint8_t> message);
-// The time stamp, of a message that one of the functions below has decoded.
+// The time stamp, of a scan, pose, transform or status that one of the functions below has decoded.
 Utime UtimeOf(absl::Span<const uint8_t> message);
 
 // Decode what any process may have put on the bus. Every count is checked against the bytes
@@ -52,5 +60,10 @@ absl::StatusOr<TimedPose> DecodePose(absl::Span<const uint8_t> message);
 // A bot_core.rigid_transform_t that maps the sensor's frame into the robot's.
 absl::StatusOr<SensorMount> DecodeSensorMount(absl::Span<const uint8_t> message);
 absl::StatusOr<status_t> DecodeStatus(absl::Span<const uint8_t> message);
+// What owners and followers of layers say; that nodes and tiles exist is not checked.
+absl::StatusOr<layer_digest_t> DecodeLayerDigest(absl::Span<const uint8_t> message);
+absl::StatusOr<layer_updates_t> DecodeLayerUpdates(absl::Span<const uint8_t> message);
+absl::StatusOr<layer_listing_t> DecodeLayerListing(absl::Span<const uint8_t> message);
+absl::StatusOr<layer_pull_t> DecodeLayerPull(absl::Span<const uint8_t> message);
 
 }  // namespace splinemap

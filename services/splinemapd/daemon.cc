@@ -62,6 +62,7 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& conf
   SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(MapPath(config)));
   std::unique_ptr<Daemon> daemon(new Daemon(config, std::move(bus), std::move(file)));
   SPLINEMAP_RETURN_IF_ERROR(daemon->OpenMap());
+  daemon->Serve();
   daemon->saving_ =
       std::jthread([d = daemon.get()](const std::stop_token& s) { d->SaveNowAndThen(s); });
   daemon->mapping_ =
@@ -69,6 +70,24 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& conf
   daemon->receiving_ =
       std::jthread([d = daemon.get()](const std::stop_token& s) { d->Receive(s); });
   return daemon;
+}
+
+void Daemon::Serve() {
+  using Duration = std::chrono::duration<double, std::milli>;
+  const config::Service& service = config_.service();
+  PublisherOptions options;
+  options.bytes_per_s = service.max_publish_kb_per_s() * 1000;
+  options.push_interval =
+      std::chrono::duration_cast<milliseconds>(Duration(service.push_interval_ms()));
+  server_ =
+      std::make_unique<LayerServer>(*bus_, config_.channel_prefix(), options, own_layer_, [this] {
+        MutexLock lock(mutex_);
+        return state_.map;
+      });
+  bus_->Subscribe(LayerServer::PullChannel(config_.channel_prefix()),
+                  [this](const std::string&, absl::Span<const uint8_t> message) {
+                    server_->TakePull(message);
+                  });
 }
 
 Daemon::Daemon(const config::Config& config, std::unique_ptr<LcmBus> bus, MapFile file)
@@ -394,6 +413,7 @@ absl::Status Daemon::Stop() {
     return Unavailable("{}; the last {} of {} commits to the map are lost", ErrorText(saved),
                        status.revision - status.saved_revision, status.revision);
   }
+  server_.reset();
   SPLINEMAP_RETURN_IF_ERROR(file_.Close());
   PublishStatus();
   const status_t status = Status();

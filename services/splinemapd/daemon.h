@@ -22,13 +22,14 @@
 #include "lib/wire/lcm_bus.h"
 #include "services/splinemapd/host_clock_watch.h"
 #include "services/splinemapd/ingest_queue.h"
+#include "services/splinemapd/layer_server.h"
 #include "services/splinemapd/notice_limiter.h"
 #include "services/splinemapd/silence_watch.h"
 
 namespace splinemap {
 
-// The mapping daemon: one thread receives, one maps, one saves. The caller's thread publishes
-// status.
+// The mapping daemon: one thread receives, one maps, one saves, one serves followers. The caller's
+// thread publishes status.
 class Daemon {
  public:
   // Opens the map file and begins to map what comes on `bus`. The new incarnation of the layer is
@@ -46,8 +47,6 @@ class Daemon {
   absl::Status Stop();
 
  private:
-  using Clock = std::chrono::steady_clock;
-
   struct ScanTimes {
     int64_t scans = 0;
     std::chrono::nanoseconds total{0};
@@ -70,6 +69,7 @@ class Daemon {
   Daemon(const config::Config& config, std::unique_ptr<LcmBus> bus, MapFile file);
   absl::Status OpenMap();
   absl::Status LoadMap(const std::string& name);
+  void Serve();
 
   void Receive(const std::stop_token& stop);
   void MapMessages(const std::stop_token& stop);
@@ -114,6 +114,7 @@ class Daemon {
   State state_ ABSL_GUARDED_BY(mutex_);
   NoticeLimiter limiter_ ABSL_GUARDED_BY(mutex_);
 
+  std::unique_ptr<LayerServer> server_;
   std::jthread saving_;
   std::jthread mapping_;
   std::jthread receiving_;

@@ -46,6 +46,10 @@ std::vector<uint8_t> MessageOf(int64_t hash, absl::Span<const uint8_t> fields) {
 void Use(const std::vector<uint8_t>& message, const SensorOptions& options) {
   DecodePose(message).status().IgnoreError();
   DecodeStatus(message).status().IgnoreError();
+  DecodeLayerDigest(message).status().IgnoreError();
+  DecodeLayerUpdates(message).status().IgnoreError();
+  DecodeLayerListing(message).status().IgnoreError();
+  DecodeLayerPull(message).status().IgnoreError();
   if (const auto mount = DecodeSensorMount(message); mount.ok()) {
     Require(mount->robot_T_sensor.position_m.norm() <= kMaxSensorDistance_m &&
                 std::isfinite(mount->robot_T_sensor.yaw_rad),
@@ -77,6 +81,10 @@ const FuzzTarget targets[] = {
     {"michigan_pose", &Run<michigan::pose_xyt_t>},
     {"rigid_transform", &Run<bot_core::rigid_transform_t>},
     {"status", &Run<status_t>},
+    {"layer_digest", &Run<layer_digest_t>},
+    {"layer_updates", &Run<layer_updates_t>},
+    {"layer_listing", &Run<layer_listing_t>},
+    {"layer_pull", &Run<layer_pull_t>},
 };
 
 }  // namespace

@@ -153,7 +153,10 @@ class World {
   bool IsEqual(LayerFollower& follower) {
     const LayerSnapshot owner = layer_->Snapshot();
     const LayerSnapshot copy = follower.Snapshot();
-    if (owner.tiles.size() != copy.tiles.size() || owner.epoch != copy.epoch) return false;
+    if (owner.tiles.size() != copy.tiles.size() || owner.epoch != copy.epoch ||
+        owner.revision != copy.revision) {
+      return false;
+    }
     bool is_equal = true;
     owner.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
       const Tile* tile = copy.tiles.Find(key);

@@ -1,0 +1,83 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/types/span.h"
+#include "lib/map/map.h"
+#include "lib/replication/layer_follower.h"
+
+namespace splinemap {
+
+// Which layers to follow, and where.
+struct FollowOptions {
+  std::string channel_prefix = "SPLINEMAP";
+  std::vector<std::string> names;  // of robots; empty: all
+};
+
+struct FollowedLayer {
+  LayerId id;
+  LayerEpoch epoch;
+  uint64_t revision = 0;  // of the last digest that matched
+  size_t tiles = 0;
+  bool in_sync = false;
+  // Since the last digest that matched, and of what it left out; infinity where none has.
+  double staleness_ms = 0;
+  LayerFollower::Counts counts;
+};
+
+// A copy of the map that daemons publish, made of their messages alone, from a bus or a log.
+// Without threads and sockets of its own. Thread-compatible.
+class MapFollower {
+ public:
+  // `seed`: see LayerFollower.
+  MapFollower(FollowOptions options, uint64_t seed);
+
+  // Those that HandleMessage() wants.
+  std::vector<std::string> Channels() const;
+  std::string PullChannel() const { return options_.channel_prefix + "_PULLS"; }
+
+  // Any bytes of any channel.
+  void HandleMessage(const std::string& channel, absl::Span<const uint8_t> message,
+                     Clock::time_point now);
+
+  // What is to be published on PullChannel() now. Call it some times a second.
+  std::vector<layer_pull_t> Tick(Clock::time_point now);
+
+  // Empty until the first layer was heard. Costs what changed.
+  std::shared_ptr<const MapSnapshot> Snapshot();
+  // Of each layer the state in which a digest matched for the last time, without layers where none
+  // has. Costs the whole map.
+  std::shared_ptr<const MapSnapshot> WholeSnapshot() const;
+
+  std::vector<FollowedLayer> Layers(Clock::time_point now) const;
+
+  int64_t bytes_received() const { return bytes_received_; }
+  int64_t malformed() const { return malformed_; }
+  // Layers whose knot interval or limits differ from those of the first; they are not followed.
+  const std::vector<std::string>& refused() const { return refused_; }
+
+ private:
+  struct Followed {
+    explicit Followed(LayerFollower f) : follower(std::move(f)) {}
+    LayerFollower follower;
+    double lag_s = 0;  // of the owner, at the last digest
+  };
+  void TakeDigest(const layer_digest_t& digest, Clock::time_point now);
+  Followed* Find(const layer_epoch_t& layer);
+
+  const FollowOptions options_;
+  uint64_t seed_;
+  std::optional<MapOptions> map_options_;
+  std::map<LayerId, Followed> layers_;  // in an order that is the same for every follower
+  std::vector<std::string> refused_;
+  MergedTiles merged_;
+  int64_t bytes_received_ = 0;
+  int64_t malformed_ = 0;
+};
+
+}  // namespace splinemap

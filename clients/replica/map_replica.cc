@@ -1,0 +1,81 @@
+#include "clients/replica/map_replica.h"
+
+#include <utility>
+
+#include "lib/base/random.h"
+#include "lib/base/status.h"
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr milliseconds kTick(10);
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<MapReplica>> MapReplica::Follow(const std::string& url,
+                                                               FollowOptions options) {
+  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(url));
+  return std::unique_ptr<MapReplica>(new MapReplica(std::move(bus), std::move(options)));
+}
+
+MapReplica::MapReplica(std::unique_ptr<LcmBus> bus, FollowOptions options)
+    : bus_(std::move(bus)),
+      follower_(std::move(options), RandomId()),
+      snapshot_(std::make_shared<const MapSnapshot>()),
+      following_([this](const std::stop_token& stop) { Run(stop); }) {}
+
+void MapReplica::Run(const std::stop_token& stop) {
+  std::vector<std::string> channels;
+  std::string pull_channel;
+  {
+    MutexLock lock(mutex_);
+    channels = follower_.Channels();
+    pull_channel = follower_.PullChannel();
+  }
+  bool is_changed = false;
+  for (const std::string& channel : channels) {
+    bus_->Subscribe(channel, [&](const std::string& c, absl::Span<const uint8_t> message) {
+      MutexLock lock(mutex_);
+      follower_.HandleMessage(c, message, Clock::now());
+      is_changed = true;
+    });
+  }
+  Clock::time_point next_tick = Clock::now();
+  while (!stop.stop_requested()) {
+    bus_->Handle(kTick);
+    const Clock::time_point now = Clock::now();
+    if (now < next_tick) continue;
+    next_tick = now + kTick;
+    std::vector<layer_pull_t> pulls;
+    {
+      MutexLock lock(mutex_);
+      pulls = follower_.Tick(now);
+      if (std::exchange(is_changed, false)) snapshot_.store(follower_.Snapshot());
+    }
+    for (const layer_pull_t& pull : pulls) bus_->Publish(pull_channel, pull);
+  }
+}
+
+std::shared_ptr<const MapSnapshot> MapReplica::WholeSnapshot() const {
+  MutexLock lock(mutex_);
+  return follower_.WholeSnapshot();
+}
+
+std::vector<FollowedLayer> MapReplica::Layers() const {
+  MutexLock lock(mutex_);
+  return follower_.Layers(Clock::now());
+}
+
+std::vector<std::string> MapReplica::Refused() const {
+  MutexLock lock(mutex_);
+  return follower_.refused();
+}
+
+int64_t MapReplica::BytesReceived() const {
+  MutexLock lock(mutex_);
+  return follower_.bytes_received();
+}
+
+}  // namespace splinemap

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "clients/replica/map_follower.h"
+#include "lib/base/mutex.h"
+#include "lib/wire/lcm_bus.h"
+
+namespace splinemap {
+
+// A live copy of the map on a bus, kept by a thread of its own: byte for byte what the daemons have
+// published, once a digest has matched. Thread-safe.
+class MapReplica {
+ public:
+  // Follows from now on. `url` as LCM takes it, empty for LCM's default.
+  static absl::StatusOr<std::unique_ptr<MapReplica>> Follow(const std::string& url,
+                                                            FollowOptions options);
+
+  // The map at the moment; without layers until the first was heard. Never waits for the bus.
+  std::shared_ptr<const MapSnapshot> Snapshot() const { return snapshot_.load(); }
+
+  // As MapFollower's.
+  std::shared_ptr<const MapSnapshot> WholeSnapshot() const;
+
+  std::vector<FollowedLayer> Layers() const;
+  std::vector<std::string> Refused() const;
+  int64_t BytesReceived() const;
+
+ private:
+  MapReplica(std::unique_ptr<LcmBus> bus, FollowOptions options);
+  void Run(const std::stop_token& stop);
+
+  std::unique_ptr<LcmBus> bus_;
+  mutable Mutex mutex_;
+  MapFollower follower_ ABSL_GUARDED_BY(mutex_);
+  std::atomic<std::shared_ptr<const MapSnapshot>> snapshot_;
+  std::jthread following_;
+};
+
+}  // namespace splinemap

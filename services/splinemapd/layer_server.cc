@@ -1,0 +1,61 @@
+#include "services/splinemapd/layer_server.h"
+
+#include <utility>
+
+#include "lib/wire/decode.h"
+
+namespace splinemap {
+namespace {
+
+constexpr std::chrono::milliseconds kTick(10);
+// More than that in one tick are asked for again.
+constexpr size_t kMaxPullsWaiting = 1000;
+
+}  // namespace
+
+LayerServer::LayerServer(LcmBus& bus, const std::string& channel_prefix,
+                         const PublisherOptions& options, size_t layer, TakeSnapshot take_snapshot)
+    : bus_(bus),
+      prefix_(channel_prefix),
+      layer_(layer),
+      take_snapshot_(std::move(take_snapshot)),
+      publisher_(take_snapshot_()->layers[layer], take_snapshot_()->options, options),
+      serving_([this](const std::stop_token& stop) { Serve(stop); }) {}
+
+void LayerServer::TakePull(absl::Span<const uint8_t> message) {
+  absl::StatusOr<layer_pull_t> pull = DecodeLayerPull(message);
+  if (!pull.ok()) return;
+  MutexLock lock(mutex_);
+  if (pulls_.size() < kMaxPullsWaiting) pulls_.push_back(*std::move(pull));
+}
+
+void LayerServer::Serve(const std::stop_token& stop) {
+  bool is_last = false;
+  while (!is_last) {
+    is_last = stop.stop_requested();
+    std::this_thread::sleep_for(kTick);
+    std::vector<layer_pull_t> pulls;
+    {
+      MutexLock lock(mutex_);
+      pulls.swap(pulls_);
+    }
+    for (const layer_pull_t& pull : pulls) publisher_.TakePull(pull);
+    const Clock::time_point now = Clock::now();
+    publisher_.SetLayer(take_snapshot_()->layers[layer_], now);
+    // At the end what waits goes out, as far as the limit allows, and a last digest.
+    const auto messages = is_last ? publisher_.LastTick(now) : publisher_.Tick(now);
+    for (const PublishedMessage& message : messages) Publish(message);
+  }
+}
+
+void LayerServer::Publish(const PublishedMessage& message) {
+  struct Channel {
+    const char* operator()(const layer_updates_t&) const { return "_UPDATES"; }
+    const char* operator()(const layer_listing_t&) const { return "_LISTINGS"; }
+    const char* operator()(const layer_digest_t&) const { return "_DIGESTS"; }
+  };
+  const std::string channel = prefix_ + std::visit(Channel(), message);
+  std::visit([&](const auto& m) { bus_.Publish(channel, m); }, message);
+}
+
+}  // namespace splinemap

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/types/span.h"
+#include "lib/base/mutex.h"
+#include "lib/map/map.h"
+#include "lib/replication/layer_publisher.h"
+#include "lib/wire/lcm_bus.h"
+
+namespace splinemap {
+
+// Publishes one layer to its followers, in a thread of its own: so neither the map nor what it
+// receives ever waits for them. Thread-safe.
+class LayerServer {
+ public:
+  // What the map is at the moment.
+  using TakeSnapshot = std::function<std::shared_ptr<const MapSnapshot>()>;
+
+  // Publishes layer number `layer` of the snapshots until it is destroyed. Pulls are those of
+  // TakePull().
+  LayerServer(LcmBus& bus, const std::string& channel_prefix, const PublisherOptions& options,
+              size_t layer, TakeSnapshot take_snapshot);
+
+  // A message on the channel of pulls; any bytes.
+  void TakePull(absl::Span<const uint8_t> message);
+
+  static std::string PullChannel(const std::string& channel_prefix) {
+    return channel_prefix + "_PULLS";
+  }
+
+ private:
+  void Serve(const std::stop_token& stop);
+  void Publish(const PublishedMessage& message);
+
+  LcmBus& bus_;
+  const std::string prefix_;
+  const size_t layer_;
+  const TakeSnapshot take_snapshot_;
+  LayerPublisher publisher_;  // of the thread
+
+  Mutex mutex_;
+  std::vector<layer_pull_t> pulls_ ABSL_GUARDED_BY(mutex_);
+
+  std::jthread serving_;
+};
+
+}  // namespace splinemap
