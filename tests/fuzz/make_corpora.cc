@@ -13,6 +13,10 @@
 #include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_listing_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/logs/lcm_log.h"
 #include "lib/map/tile_update.h"
@@ -101,6 +105,58 @@ class CorpusMaker {
     status.problems = {"silence"};
     status.problem_counts = {3};
     WriteMessage("status/problem", 0, status);
+    LayerMessages();
+  }
+
+  void LayerMessages() {
+    layer_epoch_t layer{};
+    layer.name = "robot";
+    layer.origin = 1;
+    layer.incarnation = 2;
+    layer.nonce = 3;
+
+    layer_digest_t digest{};
+    digest.layer = layer;
+    digest.protocol_version = 1;
+    digest.knot_interval_m = 0.05;
+    digest.min_control_point = -2560;
+    digest.max_control_point = 2560;
+    digest.root_level = 1;
+    WriteMessage("layer_digest/empty", 0, digest);
+
+    layer_updates_t updates{};
+    updates.layer = layer;
+    WriteMessage("layer_updates/none", 0, updates);
+    updates.num_tiles = 2;
+    for (int32_t n = 0; n < 2; ++n) {
+      const std::string content = EncodeTile(Tile{});
+      tile_update_t update{};
+      update.tx = n;
+      update.revision = 1;
+      update.content.assign(content.begin(), content.end());
+      update.num_bytes = static_cast<int32_t>(content.size());
+      updates.tiles.push_back(update);
+    }
+    WriteMessage("layer_updates/two_tiles", 0, updates);
+
+    layer_listing_t listing{};
+    listing.layer = layer;
+    listing.num_nodes = 2;
+    listing.nodes.resize(2);
+    listing.nodes[0].level = 1;
+    listing.nodes[0].num_children = 2;
+    listing.nodes[0].children = {0, 63};
+    listing.nodes[0].hashes = {5, 6};
+    listing.nodes[0].revisions = {1, 2};
+    WriteMessage("layer_listing/two_nodes", 0, listing);
+
+    layer_pull_t pull{};
+    pull.layer = layer;
+    pull.num_nodes = 2;
+    pull.levels = {0, 1};
+    pull.xs = {-1, 0};
+    pull.ys = {3, -1};
+    WriteMessage("layer_pull/tile_and_node", 0, pull);
   }
 
   void Tiles() {

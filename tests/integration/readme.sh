@@ -55,6 +55,13 @@ for command in "${commands[@]}"; do
     "splinemapd "*"-config") expect 0 "${words[@]}" ;;
     "splinemapd "*) expect 0 timeout --preserve-status --signal=INT 2 "${words[@]}" ;;
     # Nobody is there: they say so.
+    "splinemap snapshot "*)
+      splinemapd --scan LASER --pose POSE --map served.splinemap 2> daemon.log &
+      daemon=$!
+      expect 0 "${words[@]}"
+      kill -INT "$daemon"
+      wait "$daemon" || fail "the daemon failed: $(cat daemon.log)"
+      ;;
     "splinemap watch") expect 1 timeout 10 splinemap watch ;;
     "splinemap doctor --live "*) expect 1 splinemap doctor --live --seconds 1 ;;
     *) expect 0 "${words[@]}" ;;
