@@ -24,7 +24,7 @@ struct FollowedLayer {
   LayerEpoch epoch;
   uint64_t revision = 0;  // of the last digest that matched
   size_t tiles = 0;
-  bool in_sync = false;
+  bool in_sync = false;  // the last digest matched, and is not older than its owner should let it
   // Since the last digest that matched, and of what it left out; infinity where none has.
   double staleness_ms = 0;
   LayerFollower::Counts counts;
@@ -58,22 +58,19 @@ class MapFollower {
 
   int64_t bytes_received() const { return bytes_received_; }
   int64_t malformed() const { return malformed_; }
-  // Layers whose knot interval or limits differ from those of the first; they are not followed.
+  // Robots whose layers are not followed: another knot interval or other limits than the first
+  // layer's, another version of the protocol, too many layers.
   const std::vector<std::string>& refused() const { return refused_; }
 
  private:
-  struct Followed {
-    explicit Followed(LayerFollower f) : follower(std::move(f)) {}
-    LayerFollower follower;
-    double lag_s = 0;  // of the owner, at the last digest
-  };
   void TakeDigest(const layer_digest_t& digest, Clock::time_point now);
-  Followed* Find(const layer_epoch_t& layer);
+  LayerFollower* Find(const layer_epoch_t& layer);
+  void Refuse(const std::string& name);
 
   const FollowOptions options_;
   uint64_t seed_;
   std::optional<MapOptions> map_options_;
-  std::map<LayerId, Followed> layers_;  // in an order that is the same for every follower
+  std::map<LayerId, LayerFollower> layers_;  // in an order that is the same for every follower
   std::vector<std::string> refused_;
   MergedTiles merged_;
   int64_t bytes_received_ = 0;

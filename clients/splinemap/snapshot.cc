@@ -21,8 +21,8 @@ struct Flags {
 
 std::string Name(const FollowedLayer& layer) { return absl::Utf8SafeCHexEscape(layer.id.name); }
 
-// Every daemon says once a second what it has; after this time all of them have spoken.
-constexpr std::chrono::milliseconds kHearAll(1500);
+// Every daemon says once a second what it has; in this time nearly always all of them are heard.
+constexpr std::chrono::milliseconds kHearAll(2500);
 
 absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
   const auto begin = Clock::now();
@@ -32,9 +32,19 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
     const std::vector<FollowedLayer> layers = replica.Layers();
     const bool all_in_sync =
         std::all_of(layers.begin(), layers.end(), [](const FollowedLayer& l) { return l.in_sync; });
-    if (!layers.empty() && all_in_sync && Clock::now() - begin > kHearAll) return absl::OkStatus();
+    const bool all_heard = std::all_of(
+        flags.follow.names.begin(), flags.follow.names.end(), [&](const std::string& name) {
+          return std::any_of(layers.begin(), layers.end(),
+                             [&](const FollowedLayer& l) { return l.id.name == name; });
+        });
+    if (!layers.empty() && all_in_sync && all_heard && Clock::now() - begin > kHearAll) {
+      return absl::OkStatus();
+    }
   }
   std::string missing;
+  for (const std::string& name : replica.Refused()) {
+    missing += fmt::format("; {} is not followed: another version", absl::Utf8SafeCHexEscape(name));
+  }
   for (const FollowedLayer& layer : replica.Layers()) {
     if (!layer.in_sync)
       missing += fmt::format("; {} has {} tiles so far", Name(layer), layer.tiles);
@@ -54,11 +64,12 @@ absl::StatusOr<int> TakeSnapshot(const Flags& flags) {
   const auto map = replica->WholeSnapshot();
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(*map, flags.out));
   for (const std::string& name : replica->Refused()) {
-    fmt::print(stderr, "{} is left out: another knot interval or other clamps\n",
+    fmt::print(stderr, "{} is left out: another knot interval, other clamps or another version\n",
                absl::Utf8SafeCHexEscape(name));
   }
-  for (const FollowedLayer& layer : replica->Layers()) {
-    fmt::print(stderr, "{}: {} tiles, commit {}\n", Name(layer), layer.tiles, layer.revision);
+  for (const LayerSnapshot& layer : map->layers) {
+    fmt::print(stderr, "{}: {} tiles, commit {}\n", absl::Utf8SafeCHexEscape(layer.id.name),
+               layer.tiles.size(), layer.revision);
   }
   return replica->Refused().empty() ? kSuccess : kFailed;
 }

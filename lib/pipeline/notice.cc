@@ -22,6 +22,8 @@ const char* SymptomName(Symptom symptom) {
       return "silence";
     case Symptom::kLostDatagrams:
       return "lost_datagrams";
+    case Symptom::kSharedIdentity:
+      return "shared_identity";
   }
   return "unknown";
 }

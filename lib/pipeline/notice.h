@@ -18,8 +18,9 @@ enum class Symptom {
   kHostClockJump,     // the clock of this computer was set
   kSilence,           // a channel from which nothing comes
   kLostDatagrams,     // dropped by the system before the daemon could take them
+  kSharedIdentity,    // somebody else publishes the daemon's layer
 };
-inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kLostDatagrams) + 1;
+inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kSharedIdentity) + 1;
 
 // As in status messages: "useless_beam_times".
 const char* SymptomName(Symptom symptom);

@@ -20,6 +20,13 @@ struct NodeKey {
     return H::combine(std::move(h), key.level, key.x, key.y);
   }
 
+  // Whether there can be such a node; those above tiles up to HashIndex::kMaxLevel, 8.
+  bool IsValid() const {
+    if (level < 0 || level > 8) return false;
+    const int32_t limit = int32_t{1} << (24 - 3 * level);
+    return x >= -limit && x < limit && y >= -limit && y < limit;
+  }
+
   NodeKey Parent() const { return {level + 1, x >> 3, y >> 3}; }
   // Requires level > 0 and 0 <= k < 64.
   NodeKey Child(int k) const { return {level - 1, 8 * x + (k & 7), 8 * y + (k >> 3)}; }

@@ -1,6 +1,7 @@
 #include "lib/replication/layer_follower.h"
 
 #include <algorithm>
+#include <tuple>
 #include <utility>
 
 namespace splinemap {
@@ -16,15 +17,12 @@ constexpr int kMaxDoublings = 3;
 constexpr size_t kMaxWanted = 200'000;
 constexpr size_t kMaxAskedAtOnce = 256;  // tiles and nodes that are asked for and not there yet
 constexpr size_t kNodesPerPull = 100;    // so that a pull is one frame
-
-bool IsNode(const NodeKey& node) {
-  const int32_t limit = int32_t{1} << (24 - 3 * node.level);
-  return node.x >= -limit && node.x < limit && node.y >= -limit && node.y < limit;
-}
+constexpr int kMaxAsks = 6;              // then it is no more believed to exist
 
 }  // namespace
 
-LayerFollower::LayerFollower(LayerId id, uint64_t seed) : id_(std::move(id)), random_(seed) {}
+LayerFollower::LayerFollower(LayerId id, uint64_t seed, size_t max_tiles)
+    : id_(std::move(id)), max_tiles_(max_tiles), random_(seed) {}
 
 bool LayerFollower::Admit(const layer_epoch_t& layer) {
   const LayerLife life = FromMessage(layer);
@@ -33,12 +31,11 @@ bool LayerFollower::Admit(const layer_epoch_t& layer) {
     ++counts_.stale;
     return false;
   }
-  if (!epoch_ || life.epoch > *epoch_) BeginLife(life.epoch);
-  return true;
+  return epoch_ && life.epoch == *epoch_;
 }
 
 void LayerFollower::BeginLife(LayerEpoch epoch) {
-  // A life that never was whole adds nothing to what is shown.
+  // What is shown stays: the last life that was whole, or the first that was heard.
   if (epoch_ && !previous_) {
     previous_ = OwnSnapshot();
     previous_index_ = std::exchange(index_, {});
@@ -59,8 +56,11 @@ void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point n
     ++counts_.foreign;
     return;
   }
+  const LayerLife life = FromMessage(digest.layer);
+  if (life.id == id_ && (!epoch_ || life.epoch > *epoch_)) BeginLife(life.epoch);
   if (!Admit(digest.layer)) return;
-  if (digest_ && digest.revision < digest_->revision) {  // it was overtaken
+  if (digest_ && std::tie(digest.revision, digest.utime) <=
+                     std::tie(digest_->revision, digest_->utime)) {  // it was overtaken
     ++counts_.stale;
     return;
   }
@@ -68,6 +68,8 @@ void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point n
   at_digest_ = tiles_.Freeze();
   in_sync_ = false;
   LookForMatch(now);
+  // While something is asked for, it comes first: to list everything anew each time would take the
+  // owner's bytes from the tiles.
   if (in_sync_ || !wanted_.empty()) return;
   const int root_level = std::clamp<int>(digest.root_level, 1, HashIndex::kMaxLevel);
   for (const int32_t y : {-1, 0}) {
@@ -110,6 +112,10 @@ bool LayerFollower::Apply(const tile_update_t& message) {
     ++counts_.stale;
     return false;
   }
+  if (tiles_.tree().size() >= max_tiles_ && tiles_.tree().Find(update.key) == nullptr) {
+    ++counts_.unusable;
+    return false;
+  }
   const absl::StatusOr<Tile> tile = TileOfUpdate(update, FindBase(update));
   if (!tile.ok()) {
     ++counts_.unusable;
@@ -143,7 +149,7 @@ void LayerFollower::TakeListing(const layer_listing_t& listing, Clock::time_poin
 
 void LayerFollower::TakeNode(const node_listing_t& listing, Clock::time_point now) {
   const NodeKey node{listing.level, listing.x, listing.y};
-  if (node.level < 1 || node.level > HashIndex::kMaxLevel || !IsNode(node)) return;
+  if (node.level < 1 || !node.IsValid()) return;
   wanted_.erase(node);
   for (int n = 0; n < listing.num_children; ++n) {
     const NodeKey child = node.Child(listing.children[n] & 63);
@@ -159,8 +165,10 @@ void LayerFollower::TakeNode(const node_listing_t& listing, Clock::time_point no
     const TileKey key{child.x, child.y};
     const auto revision = static_cast<uint64_t>(listing.revisions[n]);
     if (!IsInRange(key) || tiles_.tree().RevisionOf(key) >= revision) continue;
-    if (previous_ && previous_index_.HashOf(child) == hash) {
-      Keep(key, previous_->tiles.Share(key), revision, hash);
+    std::shared_ptr<const Tile> equal;
+    if (previous_ && previous_index_.HashOf(child) == hash) equal = previous_->tiles.Share(key);
+    if (equal) {
+      Keep(key, std::move(equal), revision, hash);
     } else {
       Want(child, now);
     }
@@ -185,7 +193,9 @@ void LayerFollower::Want(const NodeKey& node, Clock::time_point now) {
 std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
   std::vector<layer_pull_t> pulls;
   if (!in_sync_) LookForMatch(now);
-  if (wanted_.empty()) return pulls;
+  absl::erase_if(wanted_, [&](const auto& wanted) {
+    return wanted.second.times_asked >= kMaxAsks && wanted.second.due <= now;
+  });
   size_t asked = 0;
   for (const auto& [node, wanted] : wanted_) {
     asked += wanted.times_asked > 0 && wanted.due > now ? 1 : 0;

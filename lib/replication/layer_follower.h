@@ -24,8 +24,11 @@ namespace splinemap {
 // Thread-compatible.
 class LayerFollower {
  public:
-  // `seed` spreads the times at which followers ask.
-  LayerFollower(LayerId id, uint64_t seed);
+  static constexpr size_t kDefaultMaxTiles = size_t{1} << 21;  // 4 GiB
+
+  // `seed` spreads the times at which followers ask. Tiles beyond `max_tiles` are not taken, and
+  // the copy is never in sync.
+  LayerFollower(LayerId id, uint64_t seed, size_t max_tiles = kDefaultMaxTiles);
 
   // Messages of other layers are ignored.
   void TakeDigest(const layer_digest_t& digest, Clock::time_point now);
@@ -48,6 +51,9 @@ class LayerFollower {
   uint64_t revision() const { return revision_; }  // of the last digest that matched, or 0
   size_t num_tiles() const { return index_.num_tiles(); }
 
+  // Of the owner, at the last digest: how long its oldest change has waited to be published.
+  double lag_s() const { return digest_ ? digest_->lag_s : 0; }
+
   // Whether the last digest matched, and when; the copy may have later changes beside.
   bool in_sync() const { return in_sync_; }
   std::optional<Clock::time_point> last_match() const { return last_match_; }
@@ -68,7 +74,7 @@ class LayerFollower {
     int times_asked = 0;
   };
 
-  // False where the message is none of this layer's present life.
+  // False where the message is none of this layer's present life. Lives begin with a digest.
   bool Admit(const layer_epoch_t& layer);
   void BeginLife(LayerEpoch epoch);
   bool Apply(const tile_update_t& message);
@@ -81,6 +87,7 @@ class LayerFollower {
   Clock::duration Random(Clock::duration at_most);
 
   const LayerId id_;
+  const size_t max_tiles_;
   std::mt19937_64 random_;
 
   std::optional<LayerEpoch> epoch_;

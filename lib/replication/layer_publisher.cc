@@ -92,7 +92,7 @@ void LayerPublisher::TakePull(const layer_pull_t& pull) {
     if (node.level == 0) {
       const TileKey key{node.x, node.y};
       if (published_.tree().Find(key) != nullptr) pulled_tiles_.insert(key);
-    } else if (node.level > 0 && node.level <= HashIndex::kMaxLevel) {
+    } else if (node.IsValid()) {
       pulled_nodes_.insert(node);
     }
   }
@@ -102,34 +102,50 @@ std::vector<PublishedMessage> LayerPublisher::Tick(Clock::time_point now) {
   std::vector<PublishedMessage> messages;
   Refill(now);
   Answer(messages);
+  // Before the pushes, since followers know a life by its digest first.
+  if (!last_digest_ || now >= *last_digest_ + options_.digest_interval) Digest(messages, now);
   if (!last_push_ || now >= *last_push_ + options_.push_interval) {
     last_push_ = now;
     Push(messages);
-  }
-  if (!last_digest_ || now >= *last_digest_ + options_.digest_interval) {
-    last_digest_ = now;
-    messages.emplace_back(MakeDigest(now));
-    at_digest_ = published_.Freeze();
   }
   return messages;
 }
 
 std::vector<PublishedMessage> LayerPublisher::LastTick(Clock::time_point now) {
   last_push_.reset();
-  last_digest_.reset();
-  return Tick(now);
+  std::vector<PublishedMessage> messages = Tick(now);
+  Digest(messages, now);
+  return messages;
+}
+
+void LayerPublisher::Digest(std::vector<PublishedMessage>& messages, Clock::time_point now) {
+  last_digest_ = now;
+  messages.emplace_back(MakeDigest(now));
+  at_digest_ = published_.Freeze();
 }
 
 void LayerPublisher::Refill(Clock::time_point now) {
   const double passed_s =
       last_refill_ ? std::chrono::duration<double>(now - *last_refill_).count() : kMaxBurst_s;
   last_refill_ = now;
-  budget_bytes_ =
-      std::min(budget_bytes_ + passed_s * options_.bytes_per_s, kMaxBurst_s * options_.bytes_per_s);
+  // Half for answers and half for pushes, so that neither can starve the other; what one does not
+  // need is the other's.
+  const double half = passed_s * options_.bytes_per_s / 2;
+  const double most = kMaxBurst_s * options_.bytes_per_s;
+  answer_bytes_ += half;
+  push_bytes_ += half;
+  if (waiting_.empty()) {
+    answer_bytes_ += std::max(push_bytes_, 0.0);
+    push_bytes_ = std::min(push_bytes_, 0.0);
+  } else if (pulled_tiles_.empty() && pulled_nodes_.empty()) {
+    push_bytes_ += std::max(answer_bytes_, 0.0);
+    answer_bytes_ = std::min(answer_bytes_, 0.0);
+  }
+  answer_bytes_ = std::min(answer_bytes_, most);
+  push_bytes_ = std::min(push_bytes_, most);
 }
 
-// Listings first: they are short, and followers ask on by them. Tiles that were pulled get half of
-// what is left, so that neither they nor pushes can starve the other.
+// Listings first: they are short, and followers ask on by them.
 void LayerPublisher::Answer(std::vector<PublishedMessage>& messages) {
   layer_listing_t listing;
   listing.layer = splinemap::ToMessage(life_);
@@ -137,13 +153,13 @@ void LayerPublisher::Answer(std::vector<PublishedMessage>& messages) {
   const auto send = [&] {
     if (listing.nodes.empty()) return;
     listing.num_nodes = static_cast<int32_t>(listing.nodes.size());
-    Spend(listing.getEncodedSize());
+    answer_bytes_ -= listing.getEncodedSize();
     messages.emplace_back(listing);
     listing.nodes.clear();
     listing.num_nodes = 0;
   };
   size_t bytes = listing.getEncodedSize();
-  while (!pulled_nodes_.empty() && budget_bytes_ > 0) {
+  while (!pulled_nodes_.empty() && answer_bytes_ > 0) {
     const NodeKey node = *pulled_nodes_.begin();
     pulled_nodes_.erase(pulled_nodes_.begin());
     node_listing_t of_node;
@@ -168,21 +184,20 @@ void LayerPublisher::Answer(std::vector<PublishedMessage>& messages) {
   }
   send();
 
-  const double reserve_bytes = waiting_.empty() ? 0 : budget_bytes_ / 2;
   UpdateBatch batch(life_, messages);
-  while (!pulled_tiles_.empty() && budget_bytes_ > reserve_bytes) {
+  while (!pulled_tiles_.empty() && answer_bytes_ > 0) {
     const TileKey key = *pulled_tiles_.begin();
     pulled_tiles_.erase(pulled_tiles_.begin());
-    Spend(batch.Add(Publish(key, false)));
+    answer_bytes_ -= static_cast<double>(batch.Add(Publish(key, false)));
   }
 }
 
 void LayerPublisher::Push(std::vector<PublishedMessage>& messages) {
   UpdateBatch batch(life_, messages);
-  while (!changes_.empty() && budget_bytes_ > 0) {
+  while (!changes_.empty() && push_bytes_ > 0) {
     const TileKey key = changes_.front().key;
     changes_.pop_front();
-    if (waiting_.contains(key)) Spend(batch.Add(Publish(key, true)));
+    if (waiting_.contains(key)) push_bytes_ -= static_cast<double>(batch.Add(Publish(key, true)));
   }
 }
 

@@ -21,7 +21,7 @@
 namespace splinemap {
 
 struct PublisherOptions {
-  double bytes_per_s = 1e6;  // of all that is sent but digests
+  double bytes_per_s = 1e6;  // of all that is sent but digests and headers of updates
   std::chrono::milliseconds push_interval{100};
   std::chrono::milliseconds digest_interval{1000};
 };
@@ -63,8 +63,8 @@ class LayerPublisher {
   // Publishes the tile as it is now, as a difference to the last digest where that is allowed and
   // shorter.
   TileUpdate Publish(TileKey key, bool as_difference);
+  void Digest(std::vector<PublishedMessage>& messages, Clock::time_point now);
   layer_digest_t MakeDigest(Clock::time_point now);
-  void Spend(size_t bytes) { budget_bytes_ -= static_cast<double>(bytes); }
 
   const LayerLife life_;
   const MapOptions map_options_;
@@ -81,7 +81,8 @@ class LayerPublisher {
   absl::flat_hash_set<NodeKey> pulled_nodes_;
   int64_t foreign_pulls_ = 0;
 
-  double budget_bytes_ = 0;
+  double answer_bytes_ = 0;  // that may be sent now in answers, and in pushes
+  double push_bytes_ = 0;
   std::optional<Clock::time_point> last_refill_;
   std::optional<Clock::time_point> last_push_;
   std::optional<Clock::time_point> last_digest_;

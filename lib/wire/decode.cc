@@ -18,6 +18,7 @@ namespace {
 constexpr size_t kFingerprintBytes = 8;
 // Sensors that look this far out of the horizontal plane make no planar map.
 constexpr double kMaxTilt_rad = 10 * std::numbers::pi / 180;
+constexpr size_t kMaxNameBytes = 256;
 constexpr int64_t kMaxUtime = int64_t{230} * 365 * 86'400 * 1'000'000;
 
 // Walks over the fields of a message without decoding them, to see whether its counts add up to its
@@ -234,7 +235,15 @@ absl::StatusOr<Message> DecodeOnly(MessageType type, absl::Span<const uint8_t> m
   if (TypeOf(message) != type) {
     return UnknownType(message, fmt::format("expected a {}", TypeName(type)));
   }
-  return Decode<Message>(type, message);
+  SPLINEMAP_ASSIGN_OR_RETURN(Message decoded, Decode<Message>(type, message));
+  if constexpr (requires { decoded.layer; }) {
+    // Followers send the name on. LCM ends strings at a 0, but not their size.
+    const std::string& name = decoded.layer.name;
+    if (name.empty() || name.size() > kMaxNameBytes || name.find('\0') != std::string::npos) {
+      return InvalidArgument("{} of a layer whose name is empty, long or not text", TypeName(type));
+    }
+  }
+  return decoded;
 }
 
 }  // namespace
@@ -363,7 +372,7 @@ absl::StatusOr<layer_digest_t> DecodeLayerDigest(absl::Span<const uint8_t> messa
       digest.knot_interval_m > 0 && std::isfinite(digest.knot_interval_m) && digest.lag_s >= 0 &&
       digest.min_control_point >= std::numeric_limits<int16_t>::min() &&
       digest.max_control_point <= std::numeric_limits<int16_t>::max() &&
-      digest.min_control_point < digest.max_control_point && digest.num_tiles >= 0;
+      digest.min_control_point < 0 && digest.max_control_point > 0 && digest.num_tiles >= 0;
   if (!is_plausible) return InvalidArgument("layer_digest_t with values that cannot be");
   return digest;
 }

@@ -10,6 +10,7 @@
 #include "absl/strings/escaping.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
+#include "lib/wire/decode.h"
 
 namespace splinemap {
 namespace {
@@ -79,15 +80,38 @@ void Daemon::Serve() {
   options.bytes_per_s = service.max_publish_kb_per_s() * 1000;
   options.push_interval =
       std::chrono::duration_cast<milliseconds>(Duration(service.push_interval_ms()));
+  // First, since on tcpq subscribing and publishing at once, by the server's thread, is no good.
+  bus_->Subscribe(LayerServer::PullChannel(config_.channel_prefix()),
+                  [this](const std::string&, absl::Span<const uint8_t> message) {
+                    server_->TakePull(message);
+                  });
+  bus_->Subscribe(
+      config_.channel_prefix() + "_DIGESTS",
+      [this](const std::string&, absl::Span<const uint8_t> message) { LookAtDigest(message); });
   server_ =
       std::make_unique<LayerServer>(*bus_, config_.channel_prefix(), options, own_layer_, [this] {
         MutexLock lock(mutex_);
         return state_.map;
       });
-  bus_->Subscribe(LayerServer::PullChannel(config_.channel_prefix()),
-                  [this](const std::string&, absl::Span<const uint8_t> message) {
-                    server_->TakePull(message);
-                  });
+}
+
+// Followers take the later of two lives of a layer for the layer.
+void Daemon::LookAtDigest(absl::Span<const uint8_t> message) {
+  const absl::StatusOr<layer_digest_t> digest = DecodeLayerDigest(message);
+  if (!digest.ok()) return;
+  const LayerLife life = FromMessage(digest->layer);
+  if (life.id != own_life_.id || life.epoch == own_life_.epoch) return;
+  Find(
+      Symptom::kSharedIdentity, "",
+      life.epoch < own_life_.epoch
+          ? fmt::format(
+                "an earlier start of {} is on the bus: a replayed log, or a splinemapd with "
+                "a copy of this map file; followers ignore it",
+                own_life_.id.name)
+          : fmt::format("a later start of {} is on the bus, and followers take its map for this "
+                        "one: a splinemapd with a copy of this map file, or a log of one; give one "
+                        "of them a map file of its own, or another --name",
+                        own_life_.id.name));
 }
 
 Daemon::Daemon(const config::Config& config, std::unique_ptr<LcmBus> bus, MapFile file)
@@ -105,6 +129,7 @@ absl::Status Daemon::OpenMap() {
   SPLINEMAP_RETURN_IF_ERROR(LoadMap(name));
   // The layer is the mapper's from here on; everybody else sees snapshots.
   Layer& layer = map_->layer(own_layer_);
+  own_life_ = {layer.id(), layer.epoch()};
   mapper_ = std::make_unique<Mapper>(config_, map_->options(), layer);
   spdlog::info("map {}: layer {}, start {}, {} tiles", MapPath(config_), name,
                layer.epoch().incarnation, layer.tiles().size());

@@ -18,6 +18,7 @@
 #include "lib/config/config.h"
 #include "lib/map/map.h"
 #include "lib/pipeline/mapper.h"
+#include "lib/replication/protocol.h"
 #include "lib/store/map_file.h"
 #include "lib/wire/lcm_bus.h"
 #include "services/splinemapd/host_clock_watch.h"
@@ -70,6 +71,7 @@ class Daemon {
   absl::Status OpenMap();
   absl::Status LoadMap(const std::string& name);
   void Serve();
+  void LookAtDigest(absl::Span<const uint8_t> message);
 
   void Receive(const std::stop_token& stop);
   void MapMessages(const std::stop_token& stop);
@@ -94,6 +96,7 @@ class Daemon {
   // Of the mapping thread alone, once it runs, but for mapper_->channels(), which do not change.
   std::unique_ptr<Map> map_;
   size_t own_layer_ = 0;  // index in map_->layers() and in snapshots
+  LayerLife own_life_;    // does not change once the threads run
   std::unique_ptr<Mapper> mapper_;
   ScanTimes scan_times_;  // since ShowState()
   Clock::time_point last_mapped_;

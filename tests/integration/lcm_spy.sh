@@ -49,7 +49,7 @@ double_click() {
   await bash -c 'xdotool search --name "^$3\$" ||
     { xdotool mousemove "$1" "$2" click --repeat 2 --delay 80 1; sleep 0.5; false; }' _ "$@"
 }
-double_click 60 28 SPLINEMAP_STATUS  # the only row of the table: the only channel
+double_click 60 44 SPLINEMAP_STATUS  # the second row of the table; SPLINEMAP_DIGESTS is the first
 double_click 60 35 utime             # a chart of a field: the message was decoded
 kill -0 "$spy_pid" || fail "lcm-spy ended: $(cat spy.log)"
 echo "lcm_spy: $types types and the user's own; SPLINEMAP_STATUS is decoded"

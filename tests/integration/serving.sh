@@ -42,9 +42,25 @@ expect 0 splinemap diff live.splinemap whole.splinemap
 expect 0 splinemap diff live.splinemap again.splinemap
 expect 0 splinemap info growing.splinemap
 
-# The next life of the daemon has the same map, which nobody needs to be sent again.
+# The next life of the daemon has the same map. What the one before said, replayed, does no harm.
 start_daemon
 expect 0 splinemap snapshot next.splinemap
+lcm-logplayer -s 50 --regexp='SPLINEMAP_.*' recorded.lcmlog > /dev/null
+await bash -c "splinemap watch --once --json | jq -e '.problems.shared_identity > 0'"
+expect 0 splinemap snapshot again.splinemap --force
+grep -q "an earlier start of robot is on the bus" daemon.log || fail "the daemon: $(cat daemon.log)"
+
+# A copy of its map file under a second daemon is noticed by both.
+splinemap info live.splinemap > /dev/null
+cp next.splinemap copied.splinemap
+splinemapd --map copied.splinemap --name robot --scan A --pose B 2> copied.log &
+copied=$!
+sleep 3
+kill "$copied"
+wait "$copied" || fail "the daemon of the copy: $(cat copied.log)"
+grep -q "a copy of this map file" copied.log || fail "the daemon of the copy: $(cat copied.log)"
+grep -q "a later start of robot is on the bus" daemon.log || fail "the daemon: $(cat daemon.log)"
 end_daemon
+expect 0 splinemap diff live.splinemap again.splinemap
 expect 0 splinemap diff live.splinemap next.splinemap
 echo "serving: $(splinemap info next.splinemap | head -n 3)"

@@ -259,5 +259,50 @@ TEST(DecodeTest, ImplausibleValuesAreRefused) {
   EXPECT_TRUE(DecodeScan(Encode(lidar)).ok()) << "beam times matter only where they are used";
 }
 
+layer_updates_t Updates() {
+  layer_updates_t updates;
+  updates.layer.name = "robot";
+  updates.layer.origin = 1;
+  updates.layer.incarnation = 2;
+  updates.layer.nonce = 3;
+  updates.num_tiles = 2;
+  updates.tiles.resize(2);
+  for (tile_update_t& tile : updates.tiles) {
+    tile = {};
+    tile.num_bytes = 3;
+    tile.content = {1, 2, 3};
+  }
+  return updates;
+}
+
+TEST(DecodeTest, UpdatesOfLayersAreWholeOrRefused) {
+  const std::vector<uint8_t> bytes = Encode(Updates());
+  const auto decoded = DecodeLayerUpdates(bytes);
+  ASSERT_TRUE(decoded.ok()) << decoded.status();
+  EXPECT_EQ(decoded->tiles[1].content, (std::vector<uint8_t>{1, 2, 3}));
+  for (size_t size = 0; size < bytes.size(); ++size) {
+    EXPECT_FALSE(DecodeLayerUpdates({bytes.data(), size}).ok()) << size;
+  }
+  std::vector<uint8_t> claims_more = bytes;
+  claims_more[bytes.size() - 7] = 0x7f;  // of the last content
+  EXPECT_FALSE(DecodeLayerUpdates(claims_more).ok());
+  EXPECT_FALSE(DecodeLayerPull(bytes).ok());
+}
+
+// Followers send the name on, and LCM ends strings at a 0.
+TEST(DecodeTest, NamesOfLayersAreShortText) {
+  layer_updates_t updates = Updates();
+  updates.layer.name = "";
+  EXPECT_FALSE(DecodeLayerUpdates(Encode(updates)).ok());
+  updates.layer.name = std::string(257, 'x');
+  EXPECT_FALSE(DecodeLayerUpdates(Encode(updates)).ok());
+  updates.layer.name = "ab";
+  std::vector<uint8_t> bytes = Encode(updates);
+  ASSERT_TRUE(DecodeLayerUpdates(bytes).ok());
+  ASSERT_EQ(bytes[12], 'a');
+  bytes[13] = 0;
+  EXPECT_FALSE(DecodeLayerUpdates(bytes).ok());
+}
+
 }  // namespace
 }  // namespace splinemap

@@ -318,6 +318,66 @@ TEST(ReplicationTest, AnotherVersionIsNotFollowed) {
   EXPECT_FALSE(follower.in_sync());
 }
 
+// A map that is large for the rate, a follower that comes late, and commits that go on.
+TEST(ReplicationTest, AnswersDoNotStarvePushes) {
+  PublisherOptions options;
+  options.bytes_per_s = 50'000;
+  World world({}, options, 8);
+  world.AddFollower();
+  for (int n = 0; n < 400; ++n) world.Commit(100);
+  world.Run(milliseconds(30'000));
+  ASSERT_TRUE(world.AllInSync());
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  for (int n = 0; n < 10; ++n) {
+    world.Commit(100);
+    world.Run(milliseconds(200));
+  }
+  world.Run(milliseconds(1500));
+  EXPECT_TRUE(world.IsEqual(world.follower(0)));
+  EXPECT_FALSE(world.IsEqual(world.follower(1)));
+  world.Run(milliseconds(60'000));
+  EXPECT_TRUE(world.AllInSync());
+}
+
+TEST(ReplicationTest, NodesThatCannotBeAreNoTrouble) {
+  World world({}, {}, 9);
+  world.AddFollower();
+  world.Commit(5);
+  world.Run(milliseconds(2500));
+  const layer_epoch_t layer = ToMessage({kId, world.OwnersLayer().epoch});
+  layer_pull_t pull;
+  pull.layer = layer;
+  pull.levels = {1, 1, 8, 9, -1, 0};
+  pull.xs = {INT32_MAX, INT32_MIN, 5, 0, 0, INT32_MAX};
+  pull.ys = {0, INT32_MIN, -7, 0, 0, 0};
+  pull.num_nodes = 6;
+  world.publisher().TakePull(pull);
+  // A tile that the owner does not have is asked for in vain, and what gets lost is mended then.
+  world.network().SetCut(true);
+  world.Commit(5);
+  world.Run(milliseconds(200));
+  world.network().SetCut(false);
+  world.Run(milliseconds(1000));
+  layer_listing_t listing;
+  listing.layer = layer;
+  for (const int32_t level : {1, 0, 9, INT32_MAX}) {
+    node_listing_t node;
+    node.level = level;
+    node.x = level == 1 ? 700 : INT32_MAX;
+    node.y = 0;
+    node.num_children = 1;
+    node.children = {5};
+    node.hashes = {1};
+    node.revisions = {INT64_MAX};
+    listing.nodes.push_back(node);
+  }
+  listing.num_nodes = static_cast<int32_t>(listing.nodes.size());
+  world.follower(0).TakeListing(listing, world.network().now());
+  world.Run(milliseconds(40'000));
+  EXPECT_TRUE(world.AllInSync());
+}
+
 class RandomSchedule : public testing::TestWithParam<int> {};
 
 TEST_P(RandomSchedule, EndsWithEqualBytes) {
