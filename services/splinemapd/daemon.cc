@@ -102,7 +102,7 @@ void Daemon::LookAtDigest(absl::Span<const uint8_t> message) {
   const LayerLife life = FromMessage(digest->layer);
   if (life.id != own_life_.id || life.epoch == own_life_.epoch) return;
   Find(
-      Symptom::kSharedIdentity, "",
+      Symptom::kSharedIdentity, life.epoch < own_life_.epoch ? "earlier" : "later",
       life.epoch < own_life_.epoch
           ? fmt::format(
                 "an earlier start of {} is on the bus: a replayed log, or a splinemapd with "
