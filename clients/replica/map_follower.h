@@ -24,7 +24,7 @@ struct FollowedLayer {
   LayerEpoch epoch;
   uint64_t revision = 0;  // of the last digest that matched
   size_t tiles = 0;
-  bool in_sync = false;  // the last digest matched, and is not older than its owner should let it
+  bool in_sync = false;  // the last digest matched, and its owner still speaks
   // Since the last digest that matched, and of what it left out; infinity where none has.
   double staleness_ms = 0;
   LayerFollower::Counts counts;

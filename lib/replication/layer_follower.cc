@@ -1,7 +1,6 @@
 #include "lib/replication/layer_follower.h"
 
 #include <algorithm>
-#include <tuple>
 #include <utility>
 
 namespace splinemap {
@@ -18,6 +17,14 @@ constexpr size_t kMaxWanted = 200'000;
 constexpr size_t kMaxAskedAtOnce = 256;  // tiles and nodes that are asked for and not there yet
 constexpr size_t kNodesPerPull = 100;    // so that a pull is one frame
 constexpr int kMaxAsks = 6;              // then it is no more believed to exist
+
+// Whether a digest is older than one that came before it, or the same. Of one revision the time
+// stamps tell; but the owner's clock may be set back, which is by more than a message is late.
+bool WasOvertaken(const layer_digest_t& digest, const layer_digest_t& last) {
+  constexpr int64_t kMaxLate_us = 5'000'000;
+  if (digest.revision != last.revision) return digest.revision < last.revision;
+  return digest.utime <= last.utime && digest.utime > last.utime - kMaxLate_us;
+}
 
 }  // namespace
 
@@ -59,8 +66,7 @@ void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point n
   const LayerLife life = FromMessage(digest.layer);
   if (life.id == id_ && (!epoch_ || life.epoch > *epoch_)) BeginLife(life.epoch);
   if (!Admit(digest.layer)) return;
-  if (digest_ && std::tie(digest.revision, digest.utime) <=
-                     std::tie(digest_->revision, digest_->utime)) {  // it was overtaken
+  if (digest_ && WasOvertaken(digest, *digest_)) {
     ++counts_.stale;
     return;
   }
@@ -97,7 +103,7 @@ void LayerFollower::TakeUpdates(const layer_updates_t& updates) {
   for (const tile_update_t& update : updates.tiles) Apply(update);
 }
 
-bool LayerFollower::Apply(const tile_update_t& message) {
+void LayerFollower::Apply(const tile_update_t& message) {
   const TileUpdate update{{message.tx, message.ty},
                           static_cast<uint64_t>(message.revision),
                           std::string(message.content.begin(), message.content.end()),
@@ -105,25 +111,24 @@ bool LayerFollower::Apply(const tile_update_t& message) {
                           static_cast<uint64_t>(message.base_checksum)};
   if (!IsInRange(update.key)) {
     ++counts_.unusable;
-    return false;
+    return;
   }
   if (tiles_.tree().Find(update.key) != nullptr &&
       tiles_.tree().RevisionOf(update.key) >= update.revision) {
     ++counts_.stale;
-    return false;
+    return;
   }
   if (tiles_.tree().size() >= max_tiles_ && tiles_.tree().Find(update.key) == nullptr) {
     ++counts_.unusable;
-    return false;
+    return;
   }
   const absl::StatusOr<Tile> tile = TileOfUpdate(update, FindBase(update));
   if (!tile.ok()) {
     ++counts_.unusable;
-    return false;
+    return;
   }
   Keep(update.key, std::make_shared<const Tile>(*tile), update.revision, update.checksum);
   ++counts_.applied;
-  return true;
 }
 
 const Tile* LayerFollower::FindBase(const TileUpdate& update) const {

@@ -77,7 +77,7 @@ class LayerFollower {
   // False where the message is none of this layer's present life. Lives begin with a digest.
   bool Admit(const layer_epoch_t& layer);
   void BeginLife(LayerEpoch epoch);
-  bool Apply(const tile_update_t& message);
+  void Apply(const tile_update_t& message);
   const Tile* FindBase(const TileUpdate& update) const;
   void Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision, uint64_t checksum);
   void TakeNode(const node_listing_t& listing, Clock::time_point now);

@@ -308,6 +308,30 @@ TEST(ReplicationTest, AnOlderLifeIsIgnored) {
   EXPECT_EQ(world.follower(0).counts().stale, 1);
 }
 
+// Late digests of one revision are no news; those of an owner whose clock was set back are.
+TEST(ReplicationTest, AnOwnerWhoseClockIsSetBackIsFollowedOn) {
+  LayerFollower follower(kId, 1);
+  layer_digest_t digest;
+  digest.layer = ToMessage({kId, {1, 1}});
+  digest.protocol_version = kProtocolVersion;
+  digest.revision = 3;
+  digest.num_tiles = 0;
+  digest.hash = 0;
+  digest.root_level = 1;
+  digest.lag_s = 0;
+  const Clock::time_point begin = Clock::now();
+  digest.utime = 1'000'000'000;
+  follower.TakeDigest(digest, begin);
+  ASSERT_TRUE(follower.in_sync());
+  digest.utime -= 500'000;
+  follower.TakeDigest(digest, begin + milliseconds(100));
+  EXPECT_EQ(follower.counts().stale, 1);
+  digest.utime -= 3'600'000'000;
+  follower.TakeDigest(digest, begin + milliseconds(1000));
+  EXPECT_EQ(follower.counts().stale, 1);
+  EXPECT_EQ(follower.last_match(), begin + milliseconds(1000));
+}
+
 TEST(ReplicationTest, AnotherVersionIsNotFollowed) {
   LayerFollower follower(kId, 1);
   layer_digest_t digest;
