@@ -1,6 +1,7 @@
 #include "clients/replica/map_follower.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <utility>
 
@@ -73,7 +74,7 @@ void MapFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point now
     Refuse(id.name);
     return;
   }
-  const MapOptions map_options{digest.knot_interval_m,
+  const MapOptions map_options{std::ldexp(digest.knot_interval_m, options_.detail.level),
                                {static_cast<ControlPoint>(digest.min_control_point),
                                 static_cast<ControlPoint>(digest.max_control_point)}};
   if (!map_options_) map_options_ = map_options;
@@ -87,7 +88,10 @@ void MapFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point now
       Refuse(id.name);
       return;
     }
-    layer = &layers_.try_emplace(id, id, ++seed_).first->second;
+    LayerFollower::Part part;
+    part.detail = options_.detail;
+    if (options_.region) part.box = TilesOf(*options_.region, map_options.knot_interval_m);
+    layer = &layers_.try_emplace(id, id, ++seed_, part).first->second;
   }
   layer->TakeDigest(digest, now);
 }

@@ -8,15 +8,23 @@
 #include <vector>
 
 #include "absl/types/span.h"
+#include "lib/map/detail.h"
 #include "lib/map/map.h"
+#include "lib/map/region.h"
 #include "lib/replication/layer_follower.h"
 
 namespace splinemap {
 
-// Which layers to follow, and where.
+// Which layers to follow, and what of them.
 struct FollowOptions {
   std::string channel_prefix = "SPLINEMAP";
   std::vector<std::string> names;  // of robots; empty: all
+  std::optional<Region> region;    // in the map frame; none: all of the map
+  // Coarser levels are made by the daemons while somebody follows them: smoothed values, or the
+  // least or greatest log-odds of the squares of 2^level x 2^level control points, so that
+  // obstacles stay. The knot interval of the copy is 2^level times the map's. Control point (i, j)
+  // stands for finer ones from (i, j) 2^level on.
+  Detail detail;
 };
 
 struct FollowedLayer {
@@ -36,6 +44,8 @@ class MapFollower {
  public:
   // `seed`: see LayerFollower.
   MapFollower(FollowOptions options, uint64_t seed);
+
+  const FollowOptions& options() const { return options_; }
 
   // Those that HandleMessage() wants.
   std::vector<std::string> Channels() const;

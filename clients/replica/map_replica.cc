@@ -4,6 +4,7 @@
 
 #include "lib/base/random.h"
 #include "lib/base/status.h"
+#include "lib/map/map_changes.h"
 
 namespace splinemap {
 namespace {
@@ -15,13 +16,16 @@ constexpr milliseconds kTick(10);
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<MapReplica>> MapReplica::Follow(const std::string& url,
-                                                               FollowOptions options) {
+                                                               FollowOptions options,
+                                                               OnChange on_change) {
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(url));
-  return std::unique_ptr<MapReplica>(new MapReplica(std::move(bus), std::move(options)));
+  return std::unique_ptr<MapReplica>(
+      new MapReplica(std::move(bus), std::move(options), std::move(on_change)));
 }
 
-MapReplica::MapReplica(std::unique_ptr<LcmBus> bus, FollowOptions options)
+MapReplica::MapReplica(std::unique_ptr<LcmBus> bus, FollowOptions options, OnChange on_change)
     : bus_(std::move(bus)),
+      on_change_(std::move(on_change)),
       follower_(std::move(options), RandomId()),
       snapshot_(std::make_shared<const MapSnapshot>()),
       following_([this](const std::stop_token& stop) { Run(stop); }) {}
@@ -49,13 +53,23 @@ void MapReplica::Run(const std::stop_token& stop) {
     if (now < next_tick) continue;
     next_tick = now + kTick;
     std::vector<layer_pull_t> pulls;
+    std::shared_ptr<const MapSnapshot> snapshot;
     {
       MutexLock lock(mutex_);
       pulls = follower_.Tick(now);
-      if (std::exchange(is_changed, false)) snapshot_.store(follower_.Snapshot());
+      if (std::exchange(is_changed, false)) snapshot = follower_.Snapshot();
     }
     for (const layer_pull_t& pull : pulls) bus_->Publish(pull_channel, pull);
+    if (snapshot) Show(std::move(snapshot));
   }
+}
+
+void MapReplica::Show(std::shared_ptr<const MapSnapshot> snapshot) {
+  const auto before = snapshot_.exchange(snapshot);
+  if (!on_change_) return;
+  const TileBox changed = ChangedTiles(*before, *snapshot);
+  if (changed.IsEmpty()) return;
+  on_change_(*snapshot, RegionOf(changed, snapshot->options.knot_interval_m));
 }
 
 std::shared_ptr<const MapSnapshot> MapReplica::WholeSnapshot() const {

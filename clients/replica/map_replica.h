@@ -10,6 +10,7 @@
 #include "absl/status/statusor.h"
 #include "clients/replica/map_follower.h"
 #include "lib/base/mutex.h"
+#include "lib/map/region.h"
 #include "lib/wire/lcm_bus.h"
 
 namespace splinemap {
@@ -18,9 +19,14 @@ namespace splinemap {
 // published, once a digest has matched. Thread-safe.
 class MapReplica {
  public:
+  // Called by the replica's thread after changes, some times a second: with the new map, and where
+  // it may differ from the one before. What it does keeps the replica waiting.
+  using OnChange = std::function<void(const MapSnapshot& map, const Region& changed)>;
+
   // Follows from now on. `url` as LCM takes it, empty for LCM's default.
   static absl::StatusOr<std::unique_ptr<MapReplica>> Follow(const std::string& url,
-                                                            FollowOptions options);
+                                                            FollowOptions options,
+                                                            OnChange on_change = {});
 
   // The map at the moment; without layers until the first was heard. Never waits for the bus.
   std::shared_ptr<const MapSnapshot> Snapshot() const { return snapshot_.load(); }
@@ -33,10 +39,12 @@ class MapReplica {
   int64_t BytesReceived() const;
 
  private:
-  MapReplica(std::unique_ptr<LcmBus> bus, FollowOptions options);
+  MapReplica(std::unique_ptr<LcmBus> bus, FollowOptions options, OnChange on_change);
   void Run(const std::stop_token& stop);
+  void Show(std::shared_ptr<const MapSnapshot> snapshot);
 
   std::unique_ptr<LcmBus> bus_;
+  const OnChange on_change_;
   mutable Mutex mutex_;
   MapFollower follower_ ABSL_GUARDED_BY(mutex_);
   std::atomic<std::shared_ptr<const MapSnapshot>> snapshot_;

@@ -44,6 +44,12 @@ class Layer {
   uint64_t revision() const { return revision_; }
   const TileTree& tiles() const { return tiles_.tree(); }
 
+  // Goes on as another life, or as another layer, with the same tiles.
+  void BeginLife(LayerId id, LayerEpoch epoch) {
+    id_ = std::move(id);
+    epoch_ = epoch;
+  }
+
   // Begins the next commit; edits belong to it until the next call. Snapshots are taken between
   // commits only, so none holds half of one.
   void BeginCommit() { ++revision_; }

@@ -4,16 +4,9 @@
 
 #include "absl/status/statusor.h"
 #include "lib/map/map.h"
+#include "lib/map/region.h"
 
 namespace splinemap {
-
-// A rectangle of the map frame: [x0_m, x1_m) x [y0_m, y1_m).
-struct Region {
-  double x0_m = 0;
-  double y0_m = 0;
-  double x1_m = 0;
-  double y1_m = 0;
-};
 
 // Square pixels over the map frame, rows from the top (greatest y) down. At most 2^28 pixels.
 struct PixelGrid {

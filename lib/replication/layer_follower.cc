@@ -17,6 +17,12 @@ constexpr size_t kMaxWanted = 200'000;
 constexpr size_t kMaxAskedAtOnce = 256;  // tiles and nodes that are asked for and not there yet
 constexpr size_t kNodesPerPull = 100;    // so that a pull is one frame
 constexpr int kMaxAsks = 6;              // then it is no more believed to exist
+// An owner that says nothing for so long is gone. Who begins again in a lesser life then, because
+// its file is an older copy, is told that there was a later one.
+constexpr milliseconds kMaxSilence(3000);
+constexpr milliseconds kObjection(1000);
+// How often owners have to be told that a coarser level is still wanted.
+constexpr milliseconds kRenewal(5000);
 
 // Whether a digest is older than one that came before it, or the same. Of one revision the time
 // stamps tell; but the owner's clock may be set back, which is by more than a message is late.
@@ -28,8 +34,8 @@ bool WasOvertaken(const layer_digest_t& digest, const layer_digest_t& last) {
 
 }  // namespace
 
-LayerFollower::LayerFollower(LayerId id, uint64_t seed, size_t max_tiles)
-    : id_(std::move(id)), max_tiles_(max_tiles), random_(seed) {}
+LayerFollower::LayerFollower(LayerId id, uint64_t seed, Part part)
+    : id_(std::move(id)), part_(part), random_(seed) {}
 
 bool LayerFollower::Admit(const layer_epoch_t& layer) {
   const LayerLife life = FromMessage(layer);
@@ -38,7 +44,7 @@ bool LayerFollower::Admit(const layer_epoch_t& layer) {
     ++counts_.stale;
     return false;
   }
-  return epoch_ && life.epoch == *epoch_;
+  return epoch_ && life.epoch == *epoch_ && life.detail == part_.detail;
 }
 
 void LayerFollower::BeginLife(LayerEpoch epoch) {
@@ -55,6 +61,10 @@ void LayerFollower::BeginLife(LayerEpoch epoch) {
   revision_ = 0;
   newest_revision_ = 0;
   wanted_.clear();
+  check_.reset();
+  checked_hash_ = 0;
+  checked_nodes_.clear();
+  next_renewal_.reset();
   in_sync_ = false;
 }
 
@@ -64,7 +74,14 @@ void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point n
     return;
   }
   const LayerLife life = FromMessage(digest.layer);
-  if (life.id == id_ && (!epoch_ || life.epoch > *epoch_)) BeginLife(life.epoch);
+  if (life.id != id_) return;
+  if (!epoch_ || life.epoch > *epoch_) BeginLife(life.epoch);
+  if (life.epoch == *epoch_) {
+    last_heard_ = now;
+    next_objection_.reset();
+  } else if (now - last_heard_ > kMaxSilence && !next_objection_) {
+    next_objection_ = now + Random(kObjection);
+  }
   if (!Admit(digest.layer)) return;
   if (digest_ && WasOvertaken(digest, *digest_)) {
     ++counts_.stale;
@@ -72,25 +89,43 @@ void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point n
   }
   digest_ = digest;
   at_digest_ = tiles_.Freeze();
-  in_sync_ = false;
+  if (!part_.box) in_sync_ = false;  // what changed beside a part says nothing of it
   LookForMatch(now);
   // While something is asked for, it comes first: to list everything anew each time would take the
   // owner's bytes from the tiles.
-  if (in_sync_ || !wanted_.empty()) return;
-  const int root_level = std::clamp<int>(digest.root_level, 1, HashIndex::kMaxLevel);
+  if (!Matches() && wanted_.empty()) BeginCheck(now);
+}
+
+void LayerFollower::BeginCheck(Clock::time_point now) {
+  check_ = digest_;
+  const int root_level = std::clamp<int>(digest_->root_level, 1, HashIndex::kMaxLevel);
   for (const int32_t y : {-1, 0}) {
-    for (const int32_t x : {-1, 0}) Want({root_level, x, y}, now);
+    for (const int32_t x : {-1, 0}) {
+      if (!IsOutside({root_level, x, y})) Want({root_level, x, y}, now);
+    }
   }
 }
 
+bool LayerFollower::Matches() const {
+  if (!digest_) return false;
+  const auto hash = static_cast<uint64_t>(digest_->hash);
+  if (part_.box) return in_sync_ && checked_hash_ == hash;
+  return hash == index_.hash() && digest_->num_tiles == static_cast<int64_t>(index_.num_tiles());
+}
+
 void LayerFollower::LookForMatch(Clock::time_point now) {
-  if (!digest_ || static_cast<uint64_t>(digest_->hash) != index_.hash() ||
-      digest_->num_tiles != static_cast<int64_t>(index_.num_tiles())) {
-    return;
+  std::optional<layer_digest_t> matching;
+  if (Matches()) {
+    matching = digest_;
+  } else if (part_.box && check_ && wanted_.empty()) {
+    matching = check_;
   }
+  if (!matching) return;
+  check_.reset();
   in_sync_ = true;
   last_match_ = now;
-  revision_ = static_cast<uint64_t>(digest_->revision);
+  checked_hash_ = static_cast<uint64_t>(matching->hash);
+  revision_ = static_cast<uint64_t>(matching->revision);
   newest_revision_ = std::max(newest_revision_, revision_);
   whole_ = OwnSnapshot();
   wanted_.clear();
@@ -109,6 +144,7 @@ void LayerFollower::Apply(const tile_update_t& message) {
                           std::string(message.content.begin(), message.content.end()),
                           static_cast<uint64_t>(message.checksum),
                           static_cast<uint64_t>(message.base_checksum)};
+  if (part_.box && !part_.box->Contains(update.key)) return;
   if (!IsInRange(update.key)) {
     ++counts_.unusable;
     return;
@@ -118,7 +154,7 @@ void LayerFollower::Apply(const tile_update_t& message) {
     ++counts_.stale;
     return;
   }
-  if (tiles_.tree().size() >= max_tiles_ && tiles_.tree().Find(update.key) == nullptr) {
+  if (tiles_.tree().size() >= part_.max_tiles && tiles_.tree().Find(update.key) == nullptr) {
     ++counts_.unusable;
     return;
   }
@@ -148,41 +184,74 @@ void LayerFollower::Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t
 }
 
 void LayerFollower::TakeListing(const layer_listing_t& listing, Clock::time_point now) {
-  if (!Admit(listing.layer) || in_sync_) return;
+  if (!Admit(listing.layer) || (in_sync_ && !check_)) return;
   for (const node_listing_t& node : listing.nodes) TakeNode(node, now);
 }
 
 void LayerFollower::TakeNode(const node_listing_t& listing, Clock::time_point now) {
   const NodeKey node{listing.level, listing.x, listing.y};
   if (node.level < 1 || !node.IsValid()) return;
-  wanted_.erase(node);
+  const bool was_wanted = wanted_.erase(node) > 0;
+  bool is_equal = true;
+  uint64_t hash = 0;
   for (int n = 0; n < listing.num_children; ++n) {
-    const NodeKey child = node.Child(listing.children[n] & 63);
-    const auto hash = static_cast<uint64_t>(listing.hashes[n]);
-    if (index_.HashOf(child) == hash) {
-      wanted_.erase(child);
-      continue;
-    }
-    if (child.level > 0) {
-      Want(child, now);
-      continue;
-    }
-    const TileKey key{child.x, child.y};
-    const auto revision = static_cast<uint64_t>(listing.revisions[n]);
-    if (!IsInRange(key) || tiles_.tree().RevisionOf(key) >= revision) continue;
-    std::shared_ptr<const Tile> equal;
-    if (previous_ && previous_index_.HashOf(child) == hash) equal = previous_->tiles.Share(key);
-    if (equal) {
+    const auto child_hash = static_cast<uint64_t>(listing.hashes[n]);
+    hash += child_hash;
+    is_equal &= TakeChild(node.Child(listing.children[n] & 63), child_hash,
+                          static_cast<uint64_t>(listing.revisions[n]), now);
+  }
+  if (was_wanted && is_equal && !IsWhole(node)) checked_nodes_[node] = hash;
+}
+
+bool LayerFollower::TakeChild(const NodeKey& child, uint64_t hash, uint64_t revision,
+                              Clock::time_point now) {
+  if (IsOutside(child)) return true;
+  const auto checked = checked_nodes_.find(child);
+  const bool is_equal = IsWhole(child) ? index_.HashOf(child) == hash
+                                       : checked != checked_nodes_.end() && checked->second == hash;
+  if (is_equal) {
+    wanted_.erase(child);
+    return true;
+  }
+  if (child.level > 0) {
+    Want(child, now);
+    return false;
+  }
+  const TileKey key{child.x, child.y};
+  if (!IsInRange(key) || tiles_.tree().RevisionOf(key) >= revision) return false;
+  if (previous_ && previous_index_.HashOf(child) == hash) {
+    if (std::shared_ptr<const Tile> equal = previous_->tiles.Share(key)) {
       Keep(key, std::move(equal), revision, hash);
-    } else {
-      Want(child, now);
+      return true;
     }
   }
+  in_sync_ = false;
+  Want(child, now);
+  return false;
+}
+
+// Nodes are squares of 8^level tiles, so their sides fit into 64 bits.
+bool LayerFollower::IsWhole(const NodeKey& node) const {
+  if (!part_.box) return true;
+  const int64_t side = int64_t{1} << (3 * node.level);
+  const TileBox& box = *part_.box;
+  return node.x * side >= box.tx0 && (node.x + 1) * side <= box.tx1 && node.y * side >= box.ty0 &&
+         (node.y + 1) * side <= box.ty1;
+}
+
+bool LayerFollower::IsOutside(const NodeKey& node) const {
+  if (!part_.box) return false;
+  const int64_t side = int64_t{1} << (3 * node.level);
+  const TileBox& box = *part_.box;
+  return (node.x + 1) * side <= box.tx0 || node.x * side >= box.tx1 ||
+         (node.y + 1) * side <= box.ty0 || node.y * side >= box.ty1;
 }
 
 void LayerFollower::TakePull(const layer_pull_t& pull, Clock::time_point now) {
   const LayerLife life = FromMessage(pull.layer);
-  if (life.id != id_ || life.epoch != epoch_) return;
+  if (life.id != id_ || life.epoch != epoch_ || life.detail != part_.detail) return;
+  if (next_renewal_) next_renewal_ = now + kRenewal + Random(kRenewal);
+  next_objection_.reset();  // this pull is one
   for (int n = 0; n < pull.num_nodes; ++n) {
     const auto wanted = wanted_.find({pull.levels[n], pull.xs[n], pull.ys[n]});
     if (wanted == wanted_.end()) continue;
@@ -197,10 +266,14 @@ void LayerFollower::Want(const NodeKey& node, Clock::time_point now) {
 
 std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
   std::vector<layer_pull_t> pulls;
-  if (!in_sync_) LookForMatch(now);
-  absl::erase_if(wanted_, [&](const auto& wanted) {
+  if (!in_sync_ || check_) LookForMatch(now);
+  const size_t given_up = absl::erase_if(wanted_, [&](const auto& wanted) {
     return wanted.second.times_asked >= kMaxAsks && wanted.second.due <= now;
   });
+  if (given_up > 0 && check_) {
+    check_.reset();
+    in_sync_ = false;
+  }
   size_t asked = 0;
   for (const auto& [node, wanted] : wanted_) {
     asked += wanted.times_asked > 0 && wanted.due > now ? 1 : 0;
@@ -209,7 +282,7 @@ std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
     if (asked >= kMaxAskedAtOnce) break;
     if (wanted.due > now) continue;
     if (pulls.empty() || pulls.back().levels.size() >= kNodesPerPull) {
-      pulls.emplace_back().layer = ToMessage(LayerLife{id_, *epoch_});
+      pulls.emplace_back().layer = ToMessage(LayerLife{id_, *epoch_, part_.detail});
     }
     pulls.back().levels.push_back(node.level);
     pulls.back().xs.push_back(node.x);
@@ -219,6 +292,19 @@ std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
     const auto retry = kFirstRetry * (1 << std::min(wanted.times_asked, kMaxDoublings));
     wanted.due = now + retry + Random(retry);
     ++wanted.times_asked;
+  }
+  const auto name_life = [&] {
+    if (pulls.empty())
+      pulls.emplace_back().layer = ToMessage(LayerLife{id_, *epoch_, part_.detail});
+  };
+  if (next_objection_ && *next_objection_ <= now) {
+    next_objection_.reset();
+    name_life();
+  }
+  if (part_.detail.level > 0 && epoch_ &&
+      (!next_renewal_ || *next_renewal_ <= now || !pulls.empty())) {
+    next_renewal_ = now + kRenewal + Random(kRenewal);
+    name_life();
   }
   for (layer_pull_t& pull : pulls) pull.num_nodes = static_cast<int32_t>(pull.levels.size());
   return pulls;

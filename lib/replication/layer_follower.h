@@ -11,26 +11,37 @@
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lib/map/detail.h"
 #include "lib/map/layer.h"
+#include "lib/map/region.h"
 #include "lib/map/tile_update.h"
 #include "lib/replication/hash_index.h"
 #include "lib/replication/protocol.h"
 
 namespace splinemap {
 
-// The follower's side of the protocol for one layer: a copy of what the owner has published, made
-// of whatever messages arrive, in any order and as often as they like. Digests tell whether it is
-// the whole; where not, it pulls what differs. Without clocks, threads or sockets of its own.
-// Thread-compatible.
+// The follower's side of the protocol for one layer at one level of detail: a copy of what the
+// owner has published, or of a part of it, made of whatever messages arrive, in any order and as
+// often as they like. Digests tell whether it is the whole; where not, it pulls what differs. Of a
+// part, and only then, every new digest makes it ask for hashes down to the part. Without clocks,
+// threads or sockets of its own. Thread-compatible.
 class LayerFollower {
  public:
   static constexpr size_t kDefaultMaxTiles = size_t{1} << 21;  // 4 GiB
 
-  // `seed` spreads the times at which followers ask. Tiles beyond `max_tiles` are not taken, and
-  // the copy is never in sync.
-  LayerFollower(LayerId id, uint64_t seed, size_t max_tiles = kDefaultMaxTiles);
+  struct Part {
+    Detail detail;
+    std::optional<TileBox> box;  // of that level; none: all tiles
+    // Beyond, tiles are not taken, and the copy is never in sync.
+    size_t max_tiles = kDefaultMaxTiles;
+  };
 
-  // Messages of other layers are ignored.
+  // `seed` spreads the times at which followers ask.
+  LayerFollower(LayerId id, uint64_t seed) : LayerFollower(std::move(id), seed, Part()) {}
+  LayerFollower(LayerId id, uint64_t seed, Part part);
+
+  // Messages of other layers and other levels are ignored, but for digests of the layer as it was
+  // mapped: a follower of a coarser level learns from them whom to ask.
   void TakeDigest(const layer_digest_t& digest, Clock::time_point now);
   void TakeUpdates(const layer_updates_t& updates);
   void TakeListing(const layer_listing_t& listing, Clock::time_point now);
@@ -44,7 +55,8 @@ class LayerFollower {
   // until then, what the life before left.
   LayerSnapshot Snapshot();
 
-  // The copy when a digest matched for the last time; nothing where none has.
+  // The copy when a digest matched for the last time; nothing where none has. Of a part: when all
+  // of it was found to match.
   const std::optional<LayerSnapshot>& whole() const { return whole_; }
 
   LayerEpoch epoch() const { return epoch_.value_or(LayerEpoch{}); }
@@ -82,12 +94,18 @@ class LayerFollower {
   void Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision, uint64_t checksum);
   void TakeNode(const node_listing_t& listing, Clock::time_point now);
   void Want(const NodeKey& node, Clock::time_point now);
+  // Whether what is there is equal; if not, it is asked for.
+  bool TakeChild(const NodeKey& child, uint64_t hash, uint64_t revision, Clock::time_point now);
+  bool IsWhole(const NodeKey& node) const;    // all of it is in the part
+  bool IsOutside(const NodeKey& node) const;  // nothing of it is
+  void BeginCheck(Clock::time_point now);
+  bool Matches() const;
   void LookForMatch(Clock::time_point now);
   LayerSnapshot OwnSnapshot();
   Clock::duration Random(Clock::duration at_most);
 
   const LayerId id_;
-  const size_t max_tiles_;
+  const Part part_;
   std::mt19937_64 random_;
 
   std::optional<LayerEpoch> epoch_;
@@ -104,6 +122,14 @@ class LayerFollower {
   HashIndex previous_index_;
 
   absl::flat_hash_map<NodeKey, Wanted> wanted_;
+  // Of a part: the digest whose hashes are being compared, the hash of the last one that matched,
+  // and of nodes that lie partly in it the hash at which what is in it matched.
+  std::optional<layer_digest_t> check_;
+  uint64_t checked_hash_ = 0;
+  absl::flat_hash_map<NodeKey, uint64_t> checked_nodes_;
+  std::optional<Clock::time_point> next_renewal_;
+  Clock::time_point last_heard_;                     // a digest of this life
+  std::optional<Clock::time_point> next_objection_;  // to a lesser life
   bool in_sync_ = false;
   std::optional<Clock::time_point> last_match_;
   Counts counts_;

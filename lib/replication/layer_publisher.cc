@@ -7,7 +7,6 @@ namespace splinemap {
 namespace {
 
 constexpr size_t kMaxPulled = 100'000;  // more waiting pulls are for the next round
-constexpr double kMaxBurst_s = 0.25;
 
 tile_update_t ToMessage(const TileUpdate& update) {
   tile_update_t message;
@@ -60,9 +59,9 @@ class UpdateBatch {
 
 }  // namespace
 
-LayerPublisher::LayerPublisher(const LayerSnapshot& layer, const MapOptions& map_options,
-                               const PublisherOptions& options)
-    : life_{layer.id, layer.epoch},
+LayerPublisher::LayerPublisher(LayerLife life, const LayerSnapshot& layer,
+                               const MapOptions& map_options, const PublisherOptions& options)
+    : life_(std::move(life)),
       map_options_(map_options),
       options_(options),
       layer_(layer),
@@ -74,18 +73,18 @@ LayerPublisher::LayerPublisher(const LayerSnapshot& layer, const MapOptions& map
 
 void LayerPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point now) {
   const uint64_t after_revision = layer_.revision;
-  layer.tiles.ForEachChanged(layer_.tiles.epoch(), [&](TileKey key, const TileTree::Entry&) {
-    if (waiting_.insert(key).second) changes_.push_back({key, after_revision, now});
+  layer.tiles.ForEachChanged(layer_.tiles.epoch(), [&](TileKey key, const TileTree::Entry& entry) {
+    if (!Pushes()) {
+      published_.Put(key, entry.tile, entry.revision);
+      index_.Set(key, TileChecksum(key, *entry.tile));
+    } else if (waiting_.insert(key).second) {
+      changes_.push_back({key, after_revision, now});
+    }
   });
   layer_ = layer;
 }
 
 void LayerPublisher::TakePull(const layer_pull_t& pull) {
-  const LayerLife life = FromMessage(pull.layer);
-  if (life.id != life_.id || life.epoch != life_.epoch) {
-    ++foreign_pulls_;
-    return;
-  }
   for (int n = 0; n < pull.num_nodes; ++n) {
     if (pulled_tiles_.size() + pulled_nodes_.size() >= kMaxPulled) return;
     const NodeKey node{pull.levels[n], pull.xs[n], pull.ys[n]};
@@ -98,24 +97,22 @@ void LayerPublisher::TakePull(const layer_pull_t& pull) {
   }
 }
 
-std::vector<PublishedMessage> LayerPublisher::Tick(Clock::time_point now) {
-  std::vector<PublishedMessage> messages;
-  Refill(now);
-  Answer(messages);
+void LayerPublisher::Tick(Clock::time_point now, ByteBudget& budget,
+                          std::vector<PublishedMessage>& messages) {
+  Answer(budget, messages);
   // Before the pushes, since followers know a life by its digest first.
   if (!last_digest_ || now >= *last_digest_ + options_.digest_interval) Digest(messages, now);
   if (!last_push_ || now >= *last_push_ + options_.push_interval) {
     last_push_ = now;
-    Push(messages);
+    Push(budget, messages);
   }
-  return messages;
 }
 
-std::vector<PublishedMessage> LayerPublisher::LastTick(Clock::time_point now) {
+void LayerPublisher::LastTick(Clock::time_point now, ByteBudget& budget,
+                              std::vector<PublishedMessage>& messages) {
   last_push_.reset();
-  std::vector<PublishedMessage> messages = Tick(now);
+  Tick(now, budget, messages);
   Digest(messages, now);
-  return messages;
 }
 
 void LayerPublisher::Digest(std::vector<PublishedMessage>& messages, Clock::time_point now) {
@@ -124,42 +121,21 @@ void LayerPublisher::Digest(std::vector<PublishedMessage>& messages, Clock::time
   at_digest_ = published_.Freeze();
 }
 
-void LayerPublisher::Refill(Clock::time_point now) {
-  const double passed_s =
-      last_refill_ ? std::chrono::duration<double>(now - *last_refill_).count() : kMaxBurst_s;
-  last_refill_ = now;
-  // Half for answers and half for pushes, so that neither can starve the other; what one does not
-  // need is the other's.
-  const double half = passed_s * options_.bytes_per_s / 2;
-  const double most = kMaxBurst_s * options_.bytes_per_s;
-  answer_bytes_ += half;
-  push_bytes_ += half;
-  if (waiting_.empty()) {
-    answer_bytes_ += std::max(push_bytes_, 0.0);
-    push_bytes_ = std::min(push_bytes_, 0.0);
-  } else if (pulled_tiles_.empty() && pulled_nodes_.empty()) {
-    push_bytes_ += std::max(answer_bytes_, 0.0);
-    answer_bytes_ = std::min(answer_bytes_, 0.0);
-  }
-  answer_bytes_ = std::min(answer_bytes_, most);
-  push_bytes_ = std::min(push_bytes_, most);
-}
-
 // Listings first: they are short, and followers ask on by them.
-void LayerPublisher::Answer(std::vector<PublishedMessage>& messages) {
+void LayerPublisher::Answer(ByteBudget& budget, std::vector<PublishedMessage>& messages) {
   layer_listing_t listing;
   listing.layer = splinemap::ToMessage(life_);
   listing.num_nodes = 0;
   const auto send = [&] {
     if (listing.nodes.empty()) return;
     listing.num_nodes = static_cast<int32_t>(listing.nodes.size());
-    answer_bytes_ -= listing.getEncodedSize();
+    budget.SpendOnAnswers(listing.getEncodedSize());
     messages.emplace_back(listing);
     listing.nodes.clear();
     listing.num_nodes = 0;
   };
   size_t bytes = listing.getEncodedSize();
-  while (!pulled_nodes_.empty() && answer_bytes_ > 0) {
+  while (!pulled_nodes_.empty() && budget.MayAnswer()) {
     const NodeKey node = *pulled_nodes_.begin();
     pulled_nodes_.erase(pulled_nodes_.begin());
     node_listing_t of_node;
@@ -185,19 +161,19 @@ void LayerPublisher::Answer(std::vector<PublishedMessage>& messages) {
   send();
 
   UpdateBatch batch(life_, messages);
-  while (!pulled_tiles_.empty() && answer_bytes_ > 0) {
+  while (!pulled_tiles_.empty() && budget.MayAnswer()) {
     const TileKey key = *pulled_tiles_.begin();
     pulled_tiles_.erase(pulled_tiles_.begin());
-    answer_bytes_ -= static_cast<double>(batch.Add(Publish(key, false)));
+    budget.SpendOnAnswers(batch.Add(Publish(key, false)));
   }
 }
 
-void LayerPublisher::Push(std::vector<PublishedMessage>& messages) {
+void LayerPublisher::Push(ByteBudget& budget, std::vector<PublishedMessage>& messages) {
   UpdateBatch batch(life_, messages);
-  while (!changes_.empty() && push_bytes_ > 0) {
+  while (!changes_.empty() && budget.MayPush()) {
     const TileKey key = changes_.front().key;
     changes_.pop_front();
-    if (waiting_.contains(key)) push_bytes_ -= static_cast<double>(batch.Add(Publish(key, true)));
+    if (waiting_.contains(key)) budget.SpendOnPushes(batch.Add(Publish(key, true)));
   }
 }
 
@@ -223,7 +199,7 @@ layer_digest_t LayerPublisher::MakeDigest(Clock::time_point now) {
   digest.utime = std::chrono::duration_cast<std::chrono::microseconds>(
                      std::chrono::system_clock::now().time_since_epoch())
                      .count();
-  digest.knot_interval_m = map_options_.knot_interval_m;
+  digest.knot_interval_m = map_options_.knot_interval_m;  // at level 0
   digest.min_control_point = map_options_.limits.min;
   digest.max_control_point = map_options_.limits.max;
   digest.revision =

@@ -15,6 +15,7 @@
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lib/map/map.h"
 #include "lib/map/tile_update.h"
+#include "lib/replication/byte_budget.h"
 #include "lib/replication/hash_index.h"
 #include "lib/replication/protocol.h"
 
@@ -29,26 +30,28 @@ struct PublisherOptions {
 // What an owner sends.
 using PublishedMessage = std::variant<layer_updates_t, layer_listing_t, layer_digest_t>;
 
-// The owner's side of the protocol for one layer: pushes changes, oldest first, says with a digest
-// what it has published, and answers pulls. Without clocks, threads or sockets of its own.
-// Thread-compatible.
+// Publishes one layer at one level of detail: says with a digest what it has published, and answers
+// pulls. As it was mapped, it pushes changes, oldest first; coarser levels are published in
+// silence. Thread-compatible.
 class LayerPublisher {
  public:
   // What `layer` has already counts as published: followers that lack it will pull it.
-  LayerPublisher(const LayerSnapshot& layer, const MapOptions& map_options,
+  LayerPublisher(LayerLife life, const LayerSnapshot& layer, const MapOptions& map_options,
                  const PublisherOptions& options);
 
   // The layer's newest state; what changed since the last one waits to be pushed.
   void SetLayer(const LayerSnapshot& layer, Clock::time_point now);
 
-  // Pulls of other layers and other lives are ignored, and counted.
+  // Requires a pull of this life and this level.
   void TakePull(const layer_pull_t& pull);
-  int64_t foreign_pulls() const { return foreign_pulls_; }
 
-  // What is to be sent now. Call it a few times for each push_interval.
-  std::vector<PublishedMessage> Tick(Clock::time_point now);
+  bool HasChanges() const { return !waiting_.empty(); }
+  bool HasPulls() const { return !pulled_tiles_.empty() || !pulled_nodes_.empty(); }
+
+  // Adds what is to be sent now, as far as the budget goes.
+  void Tick(Clock::time_point now, ByteBudget& budget, std::vector<PublishedMessage>& messages);
   // The same, whatever the intervals: what waits, and a digest.
-  std::vector<PublishedMessage> LastTick(Clock::time_point now);
+  void LastTick(Clock::time_point now, ByteBudget& budget, std::vector<PublishedMessage>& messages);
 
  private:
   struct Change {
@@ -57,9 +60,9 @@ class LayerPublisher {
     Clock::time_point since;
   };
 
-  void Refill(Clock::time_point now);
-  void Answer(std::vector<PublishedMessage>& messages);
-  void Push(std::vector<PublishedMessage>& messages);
+  bool Pushes() const { return life_.detail == Detail{}; }
+  void Answer(ByteBudget& budget, std::vector<PublishedMessage>& messages);
+  void Push(ByteBudget& budget, std::vector<PublishedMessage>& messages);
   // Publishes the tile as it is now, as a difference to the last digest where that is allowed and
   // shorter.
   TileUpdate Publish(TileKey key, bool as_difference);
@@ -79,11 +82,6 @@ class LayerPublisher {
   absl::flat_hash_set<TileKey> waiting_;
   absl::flat_hash_set<TileKey> pulled_tiles_;
   absl::flat_hash_set<NodeKey> pulled_nodes_;
-  int64_t foreign_pulls_ = 0;
-
-  double answer_bytes_ = 0;  // that may be sent now in answers, and in pushes
-  double push_bytes_ = 0;
-  std::optional<Clock::time_point> last_refill_;
   std::optional<Clock::time_point> last_push_;
   std::optional<Clock::time_point> last_digest_;
 };

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "lcmtypes/splinemap/layer_epoch_t.hpp"
+#include "lib/map/detail.h"
 #include "lib/map/layer.h"
 
 namespace splinemap {
@@ -15,10 +16,13 @@ inline constexpr size_t kMaxMessageBytes = 1400;  // one Ethernet frame
 // Time of the protocol's state machines: any clock that never steps back.
 using Clock = std::chrono::steady_clock;
 
-// A layer in one life of its owner.
+// A layer in one life of its owner, at one level of detail.
 struct LayerLife {
   LayerId id;
   LayerEpoch epoch;
+  Detail detail;
+
+  bool operator==(const LayerLife&) const = default;
 };
 
 inline layer_epoch_t ToMessage(const LayerLife& life) {
@@ -27,12 +31,15 @@ inline layer_epoch_t ToMessage(const LayerLife& life) {
   message.origin = static_cast<int64_t>(life.id.origin);
   message.incarnation = static_cast<int64_t>(life.epoch.incarnation);
   message.nonce = static_cast<int64_t>(life.epoch.nonce);
+  message.detail_level = static_cast<int8_t>(life.detail.level);
+  message.band = static_cast<int8_t>(life.detail.band);
   return message;
 }
 
 inline LayerLife FromMessage(const layer_epoch_t& message) {
   return {{message.name, static_cast<uint64_t>(message.origin)},
-          {static_cast<uint64_t>(message.incarnation), static_cast<uint64_t>(message.nonce)}};
+          {static_cast<uint64_t>(message.incarnation), static_cast<uint64_t>(message.nonce)},
+          {message.detail_level, static_cast<Band>(message.band)}};
 }
 
 }  // namespace splinemap

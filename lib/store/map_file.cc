@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -19,6 +20,13 @@ namespace {
 
 constexpr int kBusyTimeoutMs = 5000;
 constexpr int kMaxRowBytes = 1 << 20;
+
+bool HasAllOf(const MapSnapshot& map, const std::vector<SavedLayer>& saved) {
+  return std::all_of(saved.begin(), saved.end(), [&](const SavedLayer& known) {
+    return std::any_of(map.layers.begin(), map.layers.end(),
+                       [&](const LayerSnapshot& layer) { return layer.id == known.id; });
+  });
+}
 
 absl::Status ToStatus(const std::string& path, const SQLite::Exception& exception) {
   switch (exception.getErrorCode()) {
@@ -191,6 +199,7 @@ absl::Status MapFile::Save(const MapSnapshot& snapshot) {
   return WithStatus(path_, [&]() -> absl::Status {
     SPLINEMAP_RETURN_IF_ERROR(CheckStillThere());
     SQLite::Transaction transaction(*database_, SQLite::TransactionBehavior::IMMEDIATE);
+    if (!HasAllOf(snapshot, saved_)) saved_.clear();
     WriteMap(snapshot, saved_, *database_);
     transaction.commit();
     // So that a copy of the one file has all. Waits for nobody: what readers hold up comes with the

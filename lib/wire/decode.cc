@@ -69,7 +69,7 @@ uint64_t BigEndian64(absl::Span<const uint8_t> bytes) {
 
 void SkipLayerEpoch(SizeWalk& walk) {
   walk.String();  // name
-  walk.Skip(3 * 8);
+  walk.Skip(3 * 8 + 2 * 1);
 }
 
 bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {

@@ -21,6 +21,8 @@ using std::chrono::milliseconds;
 constexpr milliseconds kPatience(50);
 // How old at most what others see of the map is, while messages pour in.
 constexpr milliseconds kShowInterval(20);
+// How often the identity of the layer is looked at, and how soon tried again where it fails.
+constexpr milliseconds kIdentityInterval(500);
 // Messages that are still under way when the daemon ends are received for at most this long.
 constexpr milliseconds kMaxDrain(2000);
 
@@ -83,6 +85,7 @@ void Daemon::Serve() {
   // First, since on tcpq subscribing and publishing at once, by the server's thread, is no good.
   bus_->Subscribe(LayerServer::PullChannel(config_.channel_prefix()),
                   [this](const std::string&, absl::Span<const uint8_t> message) {
+                    LookAtPull(message);
                     server_->TakePull(message);
                   });
   bus_->Subscribe(
@@ -95,23 +98,78 @@ void Daemon::Serve() {
       });
 }
 
+LayerLife Daemon::OwnLife() {
+  MutexLock lock(mutex_);
+  const LayerSnapshot& layer = state_.map->layers[own_layer_];
+  return {layer.id, layer.epoch, {}};
+}
+
 // Followers take the later of two lives of a layer for the layer.
 void Daemon::LookAtDigest(absl::Span<const uint8_t> message) {
   const absl::StatusOr<layer_digest_t> digest = DecodeLayerDigest(message);
   if (!digest.ok()) return;
-  const LayerLife life = FromMessage(digest->layer);
-  if (life.id != own_life_.id || life.epoch == own_life_.epoch) return;
-  Find(
-      Symptom::kSharedIdentity, life.epoch < own_life_.epoch ? "earlier" : "later",
-      life.epoch < own_life_.epoch
-          ? fmt::format(
-                "an earlier start of {} is on the bus: a replayed log, or a splinemapd with "
-                "a copy of this map file; followers ignore it",
-                own_life_.id.name)
-          : fmt::format("a later start of {} is on the bus, and followers take its map for this "
-                        "one: a splinemapd with a copy of this map file, or a log of one; give one "
-                        "of them a map file of its own, or another --name",
-                        own_life_.id.name));
+  const LayerLife heard = FromMessage(digest->layer);
+  const LayerLife own = OwnLife();
+  if (heard.id != own.id || heard.epoch == own.epoch) return;
+  if (heard.epoch < own.epoch) {
+    Find(Symptom::kSharedIdentity, "earlier",
+         fmt::format("an earlier start of {} is on the bus: a replayed log, or a splinemapd with a "
+                     "copy of this map file; followers ignore it",
+                     own.id.name));
+    return;
+  }
+  MutexLock lock(mutex_);
+  identity_.TakeDigest(heard, own);
+}
+
+void Daemon::LookAtPull(absl::Span<const uint8_t> message) {
+  const absl::StatusOr<layer_pull_t> pull = DecodeLayerPull(message);
+  if (!pull.ok()) return;
+  const LayerLife own = OwnLife();
+  MutexLock lock(mutex_);
+  identity_.TakePull(FromMessage(pull->layer), own, Clock::now());
+}
+
+void Daemon::LookAtIdentity() {
+  const auto now = Clock::now();
+  if (now < next_identity_look_) return;
+  next_identity_look_ = now + kIdentityInterval;
+  const LayerLife own = OwnLife();
+  std::optional<IdentityWatch::NextLife> next;
+  {
+    MutexLock lock(mutex_);
+    next = identity_.Next(own, now, RandomId());
+  }
+  if (!next) return;
+  if (const absl::Status begun = BeginLife(next->life); !begun.ok()) {
+    Report({.subject = "identity",
+            .text = "another start of this layer is on the bus, and no new one can be saved: " +
+                    ErrorText(begun)});
+    return;
+  }
+  Find(Symptom::kSharedIdentity, "later",
+       next->is_other_layer
+           ? fmt::format("a later start of {} is on the bus: a splinemapd with a copy of this map "
+                         "file, or a replayed log of one. So this one goes on as another layer, "
+                         "origin {:016x}; what was mapped before the copy counts twice for those "
+                         "who follow both",
+                         own.id.name, next->life.id.origin)
+           : fmt::format("followers know a later start of {} than start {}, so {} is an older "
+                         "copy; it goes on as start {}, and followers take that for the map",
+                         own.id.name, own.epoch.incarnation, MapPath(config_),
+                         next->life.epoch.incarnation));
+}
+
+// On disk first, so that no later start takes the same life.
+absl::Status Daemon::BeginLife(const LayerLife& life) {
+  MutexLock lock(file_mutex_);
+  MapSnapshot map = *map_->Snapshot();
+  map.layers[own_layer_].id = life.id;
+  map.layers[own_layer_].epoch = life.epoch;
+  SPLINEMAP_RETURN_IF_ERROR(file_.Save(map));
+  map_->layer(own_layer_).BeginLife(life.id, life.epoch);
+  ShowState();
+  return absl::OkStatus();
 }
 
 Daemon::Daemon(const config::Config& config, std::unique_ptr<LcmBus> bus, MapFile file)
@@ -129,7 +187,6 @@ absl::Status Daemon::OpenMap() {
   SPLINEMAP_RETURN_IF_ERROR(LoadMap(name));
   // The layer is the mapper's from here on; everybody else sees snapshots.
   Layer& layer = map_->layer(own_layer_);
-  own_life_ = {layer.id(), layer.epoch()};
   mapper_ = std::make_unique<Mapper>(config_, map_->options(), layer);
   spdlog::info("map {}: layer {}, start {}, {} tiles", MapPath(config_), name,
                layer.epoch().incarnation, layer.tiles().size());
@@ -151,6 +208,7 @@ absl::Status Daemon::OpenMap() {
 }
 
 absl::Status Daemon::LoadMap(const std::string& name) {
+  MutexLock lock(file_mutex_);
   SPLINEMAP_ASSIGN_OR_RETURN(const bool is_empty, file_.IsEmpty());
   bool has_own_layer = false;
   if (is_empty) {
@@ -210,6 +268,7 @@ void Daemon::MapMessages(const std::stop_token& stop) {
     const bool stopping = stop.stop_requested();
     const auto message = ingest_.Pop(is_shown && !stopping ? kPatience : milliseconds(0));
     if (message) MapOne(*message);
+    LookAtIdentity();
     is_shown = is_shown && !message;
     if (!is_shown && (!message || Clock::now() - last_shown > kShowInterval)) {
       ShowState();
@@ -292,6 +351,7 @@ void Daemon::SaveNowAndThen(const std::stop_token& stop) {
 }
 
 absl::Status Daemon::Save() {
+  MutexLock file_lock(file_mutex_);
   std::shared_ptr<const MapSnapshot> map;
   std::optional<uint64_t> saved_revision;
   {
@@ -439,7 +499,10 @@ absl::Status Daemon::Stop() {
                        status.revision - status.saved_revision, status.revision);
   }
   server_.reset();
-  SPLINEMAP_RETURN_IF_ERROR(file_.Close());
+  {
+    MutexLock lock(file_mutex_);
+    SPLINEMAP_RETURN_IF_ERROR(file_.Close());
+  }
   PublishStatus();
   const status_t status = Status();
   spdlog::info("mapped {} of {} scans with {} poses; {} tiles, saved to {}", status.scans_mapped,

@@ -18,6 +18,7 @@
 #include "lib/config/config.h"
 #include "lib/map/map.h"
 #include "lib/pipeline/mapper.h"
+#include "lib/replication/identity_watch.h"
 #include "lib/replication/protocol.h"
 #include "lib/store/map_file.h"
 #include "lib/wire/lcm_bus.h"
@@ -72,6 +73,10 @@ class Daemon {
   absl::Status LoadMap(const std::string& name);
   void Serve();
   void LookAtDigest(absl::Span<const uint8_t> message);
+  void LookAtPull(absl::Span<const uint8_t> message);
+  LayerLife OwnLife();
+  void LookAtIdentity();
+  absl::Status BeginLife(const LayerLife& life);
 
   void Receive(const std::stop_token& stop);
   void MapMessages(const std::stop_token& stop);
@@ -96,12 +101,13 @@ class Daemon {
   // Of the mapping thread alone, once it runs, but for mapper_->channels(), which do not change.
   std::unique_ptr<Map> map_;
   size_t own_layer_ = 0;  // index in map_->layers() and in snapshots
-  LayerLife own_life_;    // does not change once the threads run
+  Clock::time_point next_identity_look_;
   std::unique_ptr<Mapper> mapper_;
   ScanTimes scan_times_;  // since ShowState()
   Clock::time_point last_mapped_;
 
-  MapFile file_;  // of the saving thread alone, while it runs
+  Mutex file_mutex_ ABSL_ACQUIRED_BEFORE(mutex_);
+  MapFile file_ ABSL_GUARDED_BY(file_mutex_);
 
   // Of the caller's thread.
   HostClockWatch host_clock_;
@@ -116,6 +122,7 @@ class Daemon {
   Mutex mutex_;
   State state_ ABSL_GUARDED_BY(mutex_);
   NoticeLimiter limiter_ ABSL_GUARDED_BY(mutex_);
+  IdentityWatch identity_ ABSL_GUARDED_BY(mutex_);
 
   std::unique_ptr<LayerServer> server_;
   std::jthread saving_;

@@ -19,7 +19,7 @@ LayerServer::LayerServer(LcmBus& bus, const std::string& channel_prefix,
       prefix_(channel_prefix),
       layer_(layer),
       take_snapshot_(std::move(take_snapshot)),
-      publisher_(take_snapshot_()->layers[layer], take_snapshot_()->options, options),
+      options_(options),
       serving_([this](const std::stop_token& stop) { Serve(stop); }) {}
 
 void LayerServer::TakePull(absl::Span<const uint8_t> message) {
@@ -39,13 +39,24 @@ void LayerServer::Serve(const std::stop_token& stop) {
       MutexLock lock(mutex_);
       pulls.swap(pulls_);
     }
-    for (const layer_pull_t& pull : pulls) publisher_.TakePull(pull);
     const Clock::time_point now = Clock::now();
-    publisher_.SetLayer(take_snapshot_()->layers[layer_], now);
+    SetLayer(*take_snapshot_(), now);
+    for (const layer_pull_t& pull : pulls) publisher_->TakePull(pull, now);
     // At the end what waits goes out, as far as the limit allows, and a last digest.
-    const auto messages = is_last ? publisher_.LastTick(now) : publisher_.Tick(now);
+    const auto messages = is_last ? publisher_->LastTick(now) : publisher_->Tick(now);
     for (const PublishedMessage& message : messages) Publish(message);
   }
+}
+
+void LayerServer::SetLayer(const MapSnapshot& map, Clock::time_point now) {
+  const LayerSnapshot& layer = map.layers[layer_];
+  const LayerLife life{layer.id, layer.epoch, {}};
+  if (publisher_ && life == life_) {
+    publisher_->SetLayer(layer, now);
+    return;
+  }
+  life_ = life;
+  publisher_ = std::make_unique<LevelsPublisher>(layer, map.options, options_);
 }
 
 void LayerServer::Publish(const PublishedMessage& message) {

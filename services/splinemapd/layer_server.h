@@ -10,7 +10,7 @@
 #include "absl/types/span.h"
 #include "lib/base/mutex.h"
 #include "lib/map/map.h"
-#include "lib/replication/layer_publisher.h"
+#include "lib/replication/levels_publisher.h"
 #include "lib/wire/lcm_bus.h"
 
 namespace splinemap {
@@ -22,8 +22,8 @@ class LayerServer {
   // What the map is at the moment.
   using TakeSnapshot = std::function<std::shared_ptr<const MapSnapshot>()>;
 
-  // Publishes layer number `layer` of the snapshots until it is destroyed. Pulls are those of
-  // TakePull().
+  // Publishes layer number `layer` of the snapshots until it is destroyed, whatever life it is in.
+  // Pulls are those of TakePull().
   LayerServer(LcmBus& bus, const std::string& channel_prefix, const PublisherOptions& options,
               size_t layer, TakeSnapshot take_snapshot);
 
@@ -36,13 +36,17 @@ class LayerServer {
 
  private:
   void Serve(const std::stop_token& stop);
+  void SetLayer(const MapSnapshot& map, Clock::time_point now);
   void Publish(const PublishedMessage& message);
 
   LcmBus& bus_;
   const std::string prefix_;
   const size_t layer_;
   const TakeSnapshot take_snapshot_;
-  LayerPublisher publisher_;  // of the thread
+  const PublisherOptions options_;
+  // Of the thread; of the layer's present life.
+  std::unique_ptr<LevelsPublisher> publisher_;
+  LayerLife life_;
 
   Mutex mutex_;
   std::vector<layer_pull_t> pulls_ ABSL_GUARDED_BY(mutex_);

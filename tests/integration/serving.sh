@@ -50,17 +50,42 @@ await bash -c "splinemap watch --once --json | jq -e '.problems.shared_identity 
 expect 0 splinemap snapshot again.splinemap --force
 grep -q "an earlier start of robot is on the bus" daemon.log || fail "the daemon: $(cat daemon.log)"
 
-# A copy of its map file under a second daemon is noticed by both.
-splinemap info live.splinemap > /dev/null
+# A second daemon with a copy of its map file, which is in a later life: the first goes on as another
+# layer, with all that it had.
 cp next.splinemap copied.splinemap
 splinemapd --map copied.splinemap --name robot --scan A --pose B 2> copied.log &
 copied=$!
-sleep 3
+await grep -q "goes on as another layer, origin" daemon.log
+expect 0 splinemap snapshot both.splinemap
 kill "$copied"
 wait "$copied" || fail "the daemon of the copy: $(cat copied.log)"
-grep -q "a copy of this map file" copied.log || fail "the daemon of the copy: $(cat copied.log)"
-grep -q "a later start of robot is on the bus" daemon.log || fail "the daemon: $(cat daemon.log)"
+[[ $(splinemap info both.splinemap --json | jq '.layers | length') == 2 ]] || fail "not two layers"
 end_daemon
-expect 0 splinemap diff live.splinemap again.splinemap
-expect 0 splinemap diff live.splinemap next.splinemap
+[[ $(splinemap info live.splinemap --json | jq -r '.layers[0].origin') != \
+  $(splinemap info copied.splinemap --json | jq -r '.layers[0].origin') ]] || fail "one origin"
+expect 0 splinemap render live.splinemap live.png
+expect 0 splinemap render next.splinemap next.png
+cmp live.png next.png || fail "the layer lost something on its way to another origin"
+
+# A daemon that begins again from an older copy of its file, while a follower knows later lives.
+restore_copy() {
+  rm -f live.splinemap*
+  cp next.splinemap live.splinemap
+}
+restore_copy
+start_daemon
+end_daemon
+start_daemon
+splinemap snapshot waiting.splinemap --robot robot --robot nobody --timeout 120 2> /dev/null &
+follower=$!
+sleep 3
+kill -9 "$daemon"
+wait "$daemon" 2> /dev/null || true
+restore_copy
+start_daemon
+await grep -q "is an older copy; it goes on as start" daemon.log
+expect 0 splinemap snapshot again.splinemap --force
+expect 0 splinemap diff next.splinemap again.splinemap
+kill "$follower"
+end_daemon
 echo "serving: $(splinemap info next.splinemap | head -n 3)"

@@ -11,10 +11,12 @@
 #include <random>
 #include <vector>
 
+#include "lib/map/levels_of_detail.h"
 #include "lib/map/map.h"
 #include "lib/map/tile_update.h"
+#include "lib/replication/identity_watch.h"
 #include "lib/replication/layer_follower.h"
-#include "lib/replication/layer_publisher.h"
+#include "lib/replication/levels_publisher.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap {
@@ -95,24 +97,32 @@ class World {
   size_t num_followers() const { return followers_.size(); }
   LayerFollower& follower(size_t n) { return *followers_[n]; }
 
-  void AddFollower() {
+  void AddFollower(LayerFollower::Part part = {}) {
+    parts_.push_back(part);
     followers_.push_back(nullptr);
     RestartFollower(followers_.size() - 1);
   }
+  void RemoveFollowers() {
+    parts_.clear();
+    followers_.clear();
+  }
   // Messages that are on their way to the one before are lost.
   void RestartFollower(size_t n) {
-    followers_[n] = std::make_shared<LayerFollower>(kId, random_());
+    followers_[n] = std::make_shared<LayerFollower>(kId, random_(), parts_[n]);
   }
 
-  // Goes on from an older state, or from an empty one. The incarnation counts on.
+  // Goes on from an older state, and knows no later life than that; or from an empty one.
   void StartOwner(const LayerSnapshot* file) {
-    const LayerEpoch epoch{++incarnation_, random_()};
+    const uint64_t last = file == nullptr ? incarnation_ : file->epoch.incarnation;
+    const LayerEpoch epoch{last + 1, random_()};
+    incarnation_ = std::max(incarnation_, epoch.incarnation);
+    identity_ = {};
     map_ = std::make_unique<Map>(kMapOptions);
     layer_ = file == nullptr ? &map_->AddLayer(kId, epoch) : &map_->ContinueLayer(*file, epoch);
-    publisher_ = std::make_shared<LayerPublisher>(layer_->Snapshot(), kMapOptions, options_);
+    publisher_ = std::make_shared<LevelsPublisher>(layer_->Snapshot(), kMapOptions, options_);
   }
   LayerSnapshot OwnersLayer() { return layer_->Snapshot(); }
-  LayerPublisher& publisher() { return *publisher_; }
+  LevelsPublisher& publisher() { return *publisher_; }
   void SilenceOwner(bool is_silent) { is_silent_ = is_silent; }
 
   // Some tiles within `half_width` of the origin.
@@ -130,6 +140,7 @@ class World {
   void Step() {
     network_.Advance();
     if (!is_silent_) {
+      LookAtIdentity();
       publisher_->SetLayer(layer_->Snapshot(), network_.now());
       for (const PublishedMessage& message : publisher_->Tick(network_.now())) {
         std::visit([&](const auto& m) { Broadcast(m); }, message);
@@ -146,30 +157,48 @@ class World {
   }
 
   bool AllInSync() {
-    return std::all_of(followers_.begin(), followers_.end(), [&](const auto& follower) {
-      return follower->in_sync() && IsEqual(*follower);
-    });
+    for (size_t n = 0; n < followers_.size(); ++n) {
+      if (!followers_[n]->in_sync() || !IsEqual(n)) return false;
+    }
+    return true;
   }
-  bool IsEqual(LayerFollower& follower) {
-    const LayerSnapshot owner = layer_->Snapshot();
-    const LayerSnapshot copy = follower.Snapshot();
-    if (owner.tiles.size() != copy.tiles.size() || owner.epoch != copy.epoch ||
-        owner.revision != copy.revision) {
-      return false;
+  // Bytes, and of the layer as it was mapped also revisions.
+  bool IsEqual(size_t n) {
+    const LayerFollower::Part& part = parts_[n];
+    const LayerSnapshot mapped = layer_->Snapshot();
+    const LayerSnapshot copy = followers_[n]->Snapshot();
+    if (copy.epoch != mapped.epoch || copy.revision != mapped.revision) return false;
+    LayerSnapshot owner = mapped;
+    if (part.detail.level > 0) {
+      LevelsOfDetail levels(part.detail.level);
+      levels.Advance(mapped, 1'000'000);
+      owner = levels.Layer(part.detail);
     }
     bool is_equal = true;
+    size_t num_tiles = 0;
     owner.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+      if (part.box && !part.box->Contains(key)) return;
+      ++num_tiles;
       const Tile* tile = copy.tiles.Find(key);
       is_equal = is_equal && tile != nullptr && *tile == *entry.tile &&
-                 copy.tiles.RevisionOf(key) == entry.revision;
+                 (part.detail.level > 0 || copy.tiles.RevisionOf(key) == entry.revision);
     });
-    return is_equal;
+    return is_equal && copy.tiles.size() == num_tiles;
   }
 
   int64_t bytes_sent() const { return bytes_sent_; }
   int64_t tiles_sent() const { return tiles_sent_; }
 
  private:
+  LayerLife OwnersLife() const { return {layer_->id(), layer_->epoch(), {}}; }
+  void LookAtIdentity() {
+    const auto next = identity_.Next(OwnersLife(), network_.now(), random_());
+    if (!next) return;
+    ASSERT_FALSE(next->is_other_layer);
+    layer_->BeginLife(next->life.id, next->life.epoch);
+    incarnation_ = std::max(incarnation_, next->life.epoch.incarnation);
+    publisher_ = std::make_shared<LevelsPublisher>(layer_->Snapshot(), kMapOptions, options_);
+  }
   void Broadcast(const layer_updates_t& updates) {
     EXPECT_TRUE(updates.getEncodedSize() <= int(kMaxMessageBytes) || updates.num_tiles == 1);
     tiles_sent_ += updates.num_tiles;
@@ -192,8 +221,11 @@ class World {
   }
   void Ask(const layer_pull_t& pull, const LayerFollower* asker) {
     bytes_sent_ += pull.getEncodedSize();
-    network_.Send([pull, owner = std::weak_ptr(publisher_)] {
-      if (const auto there = owner.lock()) there->TakePull(pull);
+    network_.Send([this, pull, owner = std::weak_ptr(publisher_)] {
+      const auto there = owner.lock();
+      if (!there) return;
+      there->TakePull(pull, network_.now());
+      identity_.TakePull(FromMessage(pull.layer), OwnersLife(), network_.now());
     });
     for (const std::weak_ptr<LayerFollower> other : followers_) {
       if (other.lock().get() == asker) continue;
@@ -209,8 +241,10 @@ class World {
   uint64_t incarnation_ = 0;
   std::unique_ptr<Map> map_;
   Layer* layer_ = nullptr;
-  std::shared_ptr<LayerPublisher> publisher_;
+  std::shared_ptr<LevelsPublisher> publisher_;
+  IdentityWatch identity_;
   bool is_silent_ = false;
+  std::vector<LayerFollower::Part> parts_;
   std::vector<std::shared_ptr<LayerFollower>> followers_;
   int64_t bytes_sent_ = 0;
   int64_t tiles_sent_ = 0;
@@ -295,13 +329,79 @@ TEST(ReplicationTest, AnOwnerThatStartsAgainFromItsFileSendsNothingAgain) {
   EXPECT_EQ(world.tiles_sent() - tiles, 0);
 }
 
+TEST(ReplicationTest, AnOwnerWithAnOlderFileIsToldOfItsLaterLife) {
+  World world({}, {}, 13);
+  for (int n = 0; n < 32; ++n) world.AddFollower();
+  world.Commit(10);
+  const LayerSnapshot file = world.OwnersLayer();  // of life 1
+  for (int life = 2; life <= 5; ++life) {
+    const LayerSnapshot newest = world.OwnersLayer();
+    world.StartOwner(&newest);
+    world.Commit(10);
+    world.Run(milliseconds(2500));
+  }
+  ASSERT_TRUE(world.AllInSync());
+  world.StartOwner(&file);  // life 2
+  world.Commit(10);
+  world.Run(milliseconds(10'000));
+  EXPECT_TRUE(world.AllInSync());
+  EXPECT_EQ(world.OwnersLayer().epoch.incarnation, 6u);
+}
+
+TEST(IdentityWatchTest, OfTwoOwnersTheOneInTheLesserLifeBecomesAnotherLayer) {
+  const LayerLife lesser{kId, {3, 5}, {}};
+  const LayerLife greater{kId, {3, 6}, {}};
+  const auto now = Clock::now();
+  IdentityWatch of_lesser;
+  of_lesser.TakeDigest(greater, lesser);
+  const auto next = of_lesser.Next(lesser, now, 42);
+  ASSERT_TRUE(next);
+  EXPECT_TRUE(next->is_other_layer);
+  EXPECT_EQ(next->life.id, (LayerId{"robot", 42}));
+  EXPECT_FALSE(of_lesser.Next(next->life, now, 43));
+
+  IdentityWatch of_greater;
+  of_greater.TakeDigest(lesser, greater);
+  of_greater.TakeDigest(greater, greater);
+  of_greater.TakeDigest({{"other", 7}, {99, 0}, {}}, greater);
+  of_greater.TakePull(lesser, greater, now);
+  EXPECT_FALSE(of_greater.Next(greater, now + std::chrono::hours(1), 42));
+}
+
+// Who asks for a later life may have it from an owner that is there.
+TEST(IdentityWatchTest, AFollowersWordCountsOnlyWhileNoOtherOwnerIsHeard) {
+  const LayerLife own{kId, {3, 5}, {}};
+  const LayerLife later{kId, {9, 6}, {}};
+  const auto now = Clock::now();
+  IdentityWatch watch;
+  watch.TakePull(later, own, now);
+  EXPECT_FALSE(watch.Next(own, now + milliseconds(1000), 42));
+  IdentityWatch other_is_there = watch;
+  other_is_there.TakeDigest(later, own);
+  EXPECT_TRUE(other_is_there.Next(own, now + milliseconds(1500), 42)->is_other_layer);
+  const auto next = watch.Next(own, now + milliseconds(4000), 42);
+  ASSERT_TRUE(next);
+  EXPECT_FALSE(next->is_other_layer);
+  EXPECT_EQ(next->life, (LayerLife{kId, {10, 42}, {}}));
+}
+
+TEST(IdentityWatchTest, AfterTheLastIncarnationComesAnotherLayer) {
+  const LayerLife own{kId, {3, 5}, {}};
+  const auto now = Clock::now();
+  IdentityWatch watch;
+  watch.TakePull({kId, {UINT64_MAX, 6}, {}}, own, now);
+  const auto next = watch.Next(own, now + milliseconds(4000), 42);
+  ASSERT_TRUE(next);
+  EXPECT_TRUE(next->is_other_layer);
+}
+
 TEST(ReplicationTest, AnOlderLifeIsIgnored) {
   World world({}, {}, 6);
   world.AddFollower();
   world.Commit(5);
   world.Run(milliseconds(2000));
   layer_digest_t old;
-  old.layer = ToMessage({kId, {0, 99}});
+  old.layer = ToMessage({kId, {0, 99}, {}});
   old.protocol_version = kProtocolVersion;
   world.follower(0).TakeDigest(old, world.network().now());
   EXPECT_TRUE(world.AllInSync());
@@ -314,7 +414,7 @@ TEST(ReplicationTest, AnUpdateThatComesLateDoesNotReplaceANewerTile) {
   const auto updates_of = [&](ControlPoint value) {
     layer.BeginCommit();
     layer.EditTile({0, 0}).control_points[0] = value;
-    LayerPublisher publisher({kId, {1, 1}, 0, {}}, kMapOptions, {});
+    LevelsPublisher publisher({kId, {1, 1}, 0, {}}, kMapOptions, {});
     publisher.SetLayer(layer.Snapshot(), Clock::now());
     return publisher.Tick(Clock::now());  // a digest, and the tile
   };
@@ -332,7 +432,7 @@ TEST(ReplicationTest, AnUpdateThatComesLateDoesNotReplaceANewerTile) {
 TEST(ReplicationTest, AnOwnerWhoseClockIsSetBackIsFollowedOn) {
   LayerFollower follower(kId, 1);
   layer_digest_t digest;
-  digest.layer = ToMessage({kId, {1, 1}});
+  digest.layer = ToMessage({kId, {1, 1}, {}});
   digest.protocol_version = kProtocolVersion;
   digest.revision = 3;
   digest.num_tiles = 0;
@@ -355,7 +455,7 @@ TEST(ReplicationTest, AnOwnerWhoseClockIsSetBackIsFollowedOn) {
 TEST(ReplicationTest, AnotherVersionIsNotFollowed) {
   LayerFollower follower(kId, 1);
   layer_digest_t digest;
-  digest.layer = ToMessage({kId, {1, 1}});
+  digest.layer = ToMessage({kId, {1, 1}, {}});
   digest.protocol_version = kProtocolVersion + 1;
   follower.TakeDigest(digest, Clock::now());
   EXPECT_EQ(follower.counts().foreign, 1);
@@ -378,8 +478,8 @@ TEST(ReplicationTest, AnswersDoNotStarvePushes) {
     world.Run(milliseconds(200));
   }
   world.Run(milliseconds(1500));
-  EXPECT_TRUE(world.IsEqual(world.follower(0)));
-  EXPECT_FALSE(world.IsEqual(world.follower(1)));
+  EXPECT_TRUE(world.IsEqual(0));
+  EXPECT_FALSE(world.IsEqual(1));
   world.Run(milliseconds(60'000));
   EXPECT_TRUE(world.AllInSync());
 }
@@ -389,14 +489,14 @@ TEST(ReplicationTest, NodesThatCannotBeAreNoTrouble) {
   world.AddFollower();
   world.Commit(5);
   world.Run(milliseconds(2500));
-  const layer_epoch_t layer = ToMessage({kId, world.OwnersLayer().epoch});
+  const layer_epoch_t layer = ToMessage({kId, world.OwnersLayer().epoch, {}});
   layer_pull_t pull;
   pull.layer = layer;
   pull.levels = {1, 1, 8, 9, -1, 0};
   pull.xs = {INT32_MAX, INT32_MIN, 5, 0, 0, INT32_MAX};
   pull.ys = {0, INT32_MIN, -7, 0, 0, 0};
   pull.num_nodes = 6;
-  world.publisher().TakePull(pull);
+  world.publisher().TakePull(pull, world.network().now());
   // A digest that does not fit, and a listing of a tile that the owner does not have.
   layer_digest_t digest;
   digest.layer = layer;
@@ -433,6 +533,94 @@ TEST(ReplicationTest, NodesThatCannotBeAreNoTrouble) {
   EXPECT_TRUE(world.AllInSync());
 }
 
+// The followers of a part are in sync with it, and ask for little else.
+TEST(ReplicationTest, APartCostsWhatItHolds) {
+  World world({}, {}, 10);
+  for (int n = 0; n < 500; ++n) world.Commit(60);
+  world.Run(milliseconds(10'000));
+  LayerFollower::Part part;
+  part.box = TileBox{-3, -5, 6, 7};
+  const int64_t tiles = world.tiles_sent();
+  world.AddFollower(part);
+  world.Run(milliseconds(3000));
+  EXPECT_TRUE(world.AllInSync());
+  EXPECT_LE(world.tiles_sent() - tiles, 9 * 12);
+  EXPECT_LT(world.follower(0).counts().asked_nodes, 20);
+  // Changes elsewhere cost the listings down to where it ends, and changes in it are pushed.
+  const int64_t asked_nodes = world.follower(0).counts().asked_nodes;
+  for (int n = 0; n < 100; ++n) {
+    world.Commit(60);
+    world.Run(milliseconds(100));
+    EXPECT_TRUE(world.follower(0).in_sync());
+  }
+  world.Run(milliseconds(1500));
+  EXPECT_TRUE(world.AllInSync());
+  EXPECT_LE(world.follower(0).counts().asked_nodes - asked_nodes, 11 * 12);
+  EXPECT_LE(world.follower(0).counts().asked_tiles, 9 * 12);
+  // While nothing changes it asks for nothing.
+  const int64_t bytes = world.bytes_sent();
+  world.Run(milliseconds(10'000));
+  EXPECT_LE(world.bytes_sent() - bytes, 10 * 160);
+  EXPECT_TRUE(world.AllInSync());
+}
+
+TEST(ReplicationTest, LossesInAPartAreNoticedAndMended) {
+  World world({}, {}, 11);
+  LayerFollower::Part part;
+  part.box = TileBox{0, 0, 3, 3};
+  world.AddFollower(part);
+  for (int n = 0; n < 50; ++n) world.Commit(3);
+  world.Run(milliseconds(3000));
+  ASSERT_TRUE(world.AllInSync());
+  world.network().SetCut(true);
+  for (int n = 0; n < 10; ++n) world.Commit(3);
+  world.Run(milliseconds(200));
+  world.network().SetCut(false);
+  EXPECT_FALSE(world.AllInSync());
+  world.Run(milliseconds(3000));
+  EXPECT_TRUE(world.AllInSync());
+}
+
+TEST(ReplicationTest, ACoarseLevelIsFollowedWhileSomebodyWantsIt) {
+  World world({}, {}, 12);
+  for (int n = 0; n < 1000; ++n) world.Commit(60);
+  world.Run(milliseconds(15'000));
+  const int64_t tiles = world.tiles_sent();
+  LayerFollower::Part part;
+  part.detail = {3, Band::kMax};
+  world.AddFollower(part);
+  world.Run(milliseconds(4000));
+  EXPECT_TRUE(world.AllInSync());
+  EXPECT_LE(world.tiles_sent() - tiles, 17 * 17);  // of 14,400
+  // It goes on for as long as it is followed, although nothing is asked for.
+  world.Run(milliseconds(100'000));
+  world.Commit(60);
+  world.Run(milliseconds(3000));
+  EXPECT_TRUE(world.AllInSync());
+  // And is given up when nobody does.
+  world.RemoveFollowers();
+  world.Run(milliseconds(40'000));
+  const int64_t bytes = world.bytes_sent();
+  world.Run(milliseconds(10'000));
+  EXPECT_LE(world.bytes_sent() - bytes, 10 * 160);
+}
+
+LayerFollower::Part RandomPart(Random& random, int half_width) {
+  LayerFollower::Part part;
+  if (random() % 3 == 0) {
+    part.detail.level = static_cast<int>(1 + random() % 4);
+    part.detail.band = static_cast<Band>(random() % kNumBands);
+  }
+  if (random() % 3 == 0) {
+    const auto any = [&] { return static_cast<int32_t>(random() % (2 * half_width)) - half_width; };
+    TileBox box;
+    box.Add({any(), any()});
+    box.Add({any(), any()});
+    part.box = box;
+  }
+  return part;
+}
+
 class RandomSchedule : public testing::TestWithParam<int> {};
 
 TEST_P(RandomSchedule, EndsWithEqualBytes) {
@@ -449,8 +637,8 @@ TEST_P(RandomSchedule, EndsWithEqualBytes) {
     PublisherOptions options;
     options.bytes_per_s = any(1e6, 1e5, 2e4);
     World world(weather, options, seed);
-    for (int n = any(1, 2, 5); n > 0; --n) world.AddFollower();
     const int half_width = any(2, 10, 1000);
+    for (int n = any(1, 2, 5); n > 0; --n) world.AddFollower(RandomPart(random, half_width));
     LayerSnapshot file = world.OwnersLayer();
     for (int event = 0; event < 60; ++event) {
       switch (random() % 16) {
@@ -458,7 +646,7 @@ TEST_P(RandomSchedule, EndsWithEqualBytes) {
           world.network().SetCut(true);
           break;
         case 1:
-          world.AddFollower();
+          world.AddFollower(RandomPart(random, half_width));
           break;
         case 2:
           world.RestartFollower(random() % world.num_followers());

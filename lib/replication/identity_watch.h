@@ -1,0 +1,35 @@
+#pragma once
+
+#include <optional>
+
+#include "lib/replication/protocol.h"
+
+namespace splinemap {
+
+// What an owner hears of other lives of its own layer, and which life it has to begin then. Of two
+// owners of one layer the one in the lesser life gives way. Thread-compatible.
+class IdentityWatch {
+ public:
+  // Lives of other layers and the owner's own are ignored.
+  //
+  // A digest: another owner is on the bus, or a log of one.
+  void TakeDigest(const LayerLife& heard, const LayerLife& own);
+  // A follower asks for a life: if it is a later one and its owner is not there, this one's file is
+  // an older copy.
+  void TakePull(const LayerLife& heard, const LayerLife& own, Clock::time_point now);
+
+  struct NextLife {
+    LayerLife life;
+    bool is_other_layer = false;  // another owner has the old one
+  };
+  // The life to begin now; nothing where all is well. Ask some times a second. `random` are fresh
+  // random bits.
+  std::optional<NextLife> Next(const LayerLife& own, Clock::time_point now, uint64_t random);
+
+ private:
+  std::optional<LayerEpoch> other_owner_;  // greatest
+  std::optional<LayerEpoch> asked_for_;    // greatest
+  Clock::time_point since_;                // of asked_for_
+};
+
+}  // namespace splinemap

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "lib/map/levels_of_detail.h"
+#include "lib/replication/byte_budget.h"
+#include "lib/replication/layer_publisher.h"
+#include "lib/replication/protocol.h"
+
+namespace splinemap {
+
+// The owner's side of the protocol for one layer: pushes it as it was mapped, and makes and answers
+// for those coarser levels that followers ask for. Without clocks, threads or sockets of its own.
+// Thread-compatible.
+class LevelsPublisher {
+ public:
+  // What `layer` has already counts as published: followers that lack it will pull it.
+  LevelsPublisher(const LayerSnapshot& layer, const MapOptions& map_options,
+                  const PublisherOptions& options);
+
+  // The layer's newest state, of the same epoch.
+  void SetLayer(const LayerSnapshot& layer, Clock::time_point now);
+
+  // Pulls of other layers and other lives are ignored, and counted.
+  void TakePull(const layer_pull_t& pull, Clock::time_point now);
+  int64_t foreign_pulls() const { return foreign_pulls_; }
+
+  // What is to be sent now. Call it a few times for each push_interval.
+  std::vector<PublishedMessage> Tick(Clock::time_point now);
+  // The same, whatever the intervals: what waits, and digests.
+  std::vector<PublishedMessage> LastTick(Clock::time_point now);
+
+ private:
+  struct Asked {
+    Clock::time_point last;
+    std::unique_ptr<LayerPublisher> publisher;  // null until the level was made
+  };
+
+  void WorkOnLevels(Clock::time_point now);
+  void Refill(Clock::time_point now);
+
+  const LayerLife life_;  // at level 0
+  const MapOptions map_options_;
+  const PublisherOptions options_;
+  LayerSnapshot layer_;
+  ByteBudget budget_;
+  LayerPublisher as_mapped_;
+  LevelsOfDetail levels_{0};
+  std::map<Detail, Asked, std::greater<>> asked_;  // the coarsest first
+  int64_t foreign_pulls_ = 0;
+};
+
+}  // namespace splinemap
