@@ -28,10 +28,9 @@ std::vector<std::string> MapFollower::Channels() const {
   return channels;
 }
 
-void MapFollower::HandleMessage(const std::string&, absl::Span<const uint8_t> message,
-                                Clock::time_point now) {
+void MapFollower::HandleMessage(absl::Span<const uint8_t> message, Clock::time_point now) {
   bytes_received_ += std::ssize(message);
-  // A channel may carry anything; what a message is, it says itself.
+  // Channels may carry anything; what a message is, it says itself.
   bool is_good = false;
   switch (TypeOf(message).value_or(MessageType::kStatus)) {
     case MessageType::kLayerDigest:
@@ -137,7 +136,7 @@ std::vector<FollowedLayer> MapFollower::Layers(Clock::time_point now) const {
     const auto match = layer.last_match();
     const double since_match_s = match ? std::chrono::duration<double>(now - *match).count()
                                        : std::numeric_limits<double>::infinity();
-    layers.push_back({id, layer.epoch(), layer.revision(), layer.num_tiles(),
+    layers.push_back({id, layer.epoch(), layer.revision(), layer.num_tiles(), layer.is_equal(),
                       layer.in_sync() && since_match_s < kMaxSilence_s,
                       1000 * (since_match_s + layer.lag_s()), layer.counts()});
   }

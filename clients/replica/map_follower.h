@@ -30,10 +30,12 @@ struct FollowOptions {
 struct FollowedLayer {
   LayerId id;
   LayerEpoch epoch;
-  uint64_t revision = 0;  // of the last digest that matched
+  uint64_t revision = 0;  // of the digest with which it was in sync last
   size_t tiles = 0;
-  bool in_sync = false;  // the last digest matched, and its owner still speaks
-  // Since the last digest that matched, and of what it left out; infinity where none has.
+  bool is_equal = false;  // to what its owner had published at the last digest
+  bool in_sync = false;   // nothing of then is missing, and the owner still speaks
+  // Since the digest with which it was in sync last, and of what that left out; infinity where there
+  // was none. What is shown is no older than that.
   double staleness_ms = 0;
   LayerFollower::Counts counts;
 };
@@ -51,9 +53,8 @@ class MapFollower {
   std::vector<std::string> Channels() const;
   std::string PullChannel() const { return options_.channel_prefix + "_PULLS"; }
 
-  // Any bytes of any channel.
-  void HandleMessage(const std::string& channel, absl::Span<const uint8_t> message,
-                     Clock::time_point now);
+  // Any bytes of any of them.
+  void HandleMessage(absl::Span<const uint8_t> message, Clock::time_point now);
 
   // What is to be published on PullChannel() now. Call it some times a second.
   std::vector<layer_pull_t> Tick(Clock::time_point now);

@@ -40,9 +40,9 @@ void MapReplica::Run(const std::stop_token& stop) {
   }
   bool is_changed = false;
   for (const std::string& channel : channels) {
-    bus_->Subscribe(channel, [&](const std::string& c, absl::Span<const uint8_t> message) {
+    bus_->Subscribe(channel, [&](const std::string&, absl::Span<const uint8_t> message) {
       MutexLock lock(mutex_);
-      follower_.HandleMessage(c, message, Clock::now());
+      follower_.HandleMessage(message, Clock::now());
       is_changed = true;
     });
   }

@@ -5,9 +5,8 @@
 #include <vector>
 
 #include "absl/strings/match.h"
-#include "absl/strings/numbers.h"
-#include "absl/strings/str_split.h"
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/region_flag.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/exchange/csv.h"
@@ -32,19 +31,6 @@ struct Flags {
 
 RosMode ParseMode(const std::string& mode) {
   return mode == "scale" ? RosMode::kScale : mode == "raw" ? RosMode::kRaw : RosMode::kTrinary;
-}
-
-absl::StatusOr<std::optional<Region>> ParseRegion(const std::string& text) {
-  if (text.empty()) return std::nullopt;
-  const std::vector<std::string> words = absl::StrSplit(text, ',');
-  Region region;
-  double* const numbers[] = {&region.x0_m, &region.y0_m, &region.x1_m, &region.y1_m};
-  bool is_valid = words.size() == std::size(numbers);
-  for (size_t k = 0; is_valid && k < words.size(); ++k) {
-    is_valid = absl::SimpleAtod(words[k], numbers[k]);
-  }
-  if (!is_valid) return InvalidArgument("--region {} is not x0,y0,x1,y1 in metres", text);
-  return region;
 }
 
 std::vector<std::string> Extensions(const Flags& flags, RosMode mode) {

@@ -1,17 +1,12 @@
-#include <sys/ioctl.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <cstdio>
-#include <cstdlib>
 #include <memory>
-#include <string_view>
 
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/preview.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/render/raster.h"
-#include "lib/render/terminal.h"
 #include "lib/store/map_file.h"
 
 namespace splinemap {
@@ -23,29 +18,14 @@ struct Flags {
   double pixels_per_knot = 0;  // 0: to fit
 };
 
-std::string Preview(const Raster& raster) {
-  winsize size{};
-  const bool is_terminal = isatty(STDOUT_FILENO) == 1;
-  if (!is_terminal || ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) != 0 || size.ws_col == 0) {
-    size.ws_col = 80;
-    size.ws_row = 40;
-  }
-  const char* terminal = std::getenv("TERM");
-  const bool colour = is_terminal && terminal != nullptr && std::string_view(terminal) != "dumb";
-  constexpr int kMaxColumns = 120;
-  return DrawInTerminal(raster, std::min<int>(size.ws_col, kMaxColumns),
-                        std::max(size.ws_row - 4, 10), colour);
-}
-
 absl::StatusOr<int> Render(const Flags& flags) {
   if (!flags.out.empty() && !flags.out.ends_with(".png")) {
     return InvalidArgument("{}: render writes a PNG; give it a name that ends in .png", flags.out);
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
   if (flags.out.empty()) {
-    const double pixels_per_knot = std::min(1.0, FittingPixelsPerKnot(*loaded.map, 2000));
-    SPLINEMAP_ASSIGN_OR_RETURN(const PixelGrid grid, FittingGrid(*loaded.map, pixels_per_knot));
-    std::fputs(Preview(RenderMap(*loaded.map, grid)).c_str(), stdout);
+    SPLINEMAP_ASSIGN_OR_RETURN(const std::string preview, Preview(*loaded.map, 4));
+    std::fputs(preview.c_str(), stdout);
     return ReportDamages(loaded);
   }
   constexpr int kSide = 1200;

@@ -6,7 +6,10 @@
 #include "absl/strings/escaping.h"
 #include "clients/replica/map_replica.h"
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/progress.h"
+#include "clients/splinemap/region_flag.h"
 #include "lib/base/status.h"
+#include "lib/logs/lcm_log.h"
 
 namespace splinemap {
 namespace {
@@ -14,6 +17,9 @@ namespace {
 struct Flags {
   std::string out;
   std::string lcm_url;
+  std::string log;
+  std::string region;
+  std::string band = "value";
   FollowOptions follow;
   double timeout_s = 10;
   bool force = false;
@@ -30,8 +36,9 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
   while (Clock::now() - begin < timeout) {
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
     const std::vector<FollowedLayer> layers = replica.Layers();
-    const bool all_in_sync =
-        std::all_of(layers.begin(), layers.end(), [](const FollowedLayer& l) { return l.in_sync; });
+    const bool all_in_sync = std::all_of(layers.begin(), layers.end(), [](const FollowedLayer& l) {
+      return l.in_sync && l.is_equal;
+    });
     const bool all_heard = std::all_of(
         flags.follow.names.begin(), flags.follow.names.end(), [&](const std::string& name) {
           return std::any_of(layers.begin(), layers.end(),
@@ -46,7 +53,7 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
     missing += fmt::format("; {} is not followed: another version", absl::Utf8SafeCHexEscape(name));
   }
   for (const FollowedLayer& layer : replica.Layers()) {
-    if (!layer.in_sync)
+    if (!layer.in_sync || !layer.is_equal)
       missing += fmt::format("; {} has {} tiles so far", Name(layer), layer.tiles);
   }
   if (missing.empty()) {
@@ -57,30 +64,87 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
                      flags.timeout_s, missing);
 }
 
-absl::StatusOr<int> TakeSnapshot(const Flags& flags) {
-  SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.out, flags.force));
-  SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow(flags.lcm_url, flags.follow));
-  SPLINEMAP_RETURN_IF_ERROR(WaitUntilInSync(*replica, flags));
-  const auto map = replica->WholeSnapshot();
-  SPLINEMAP_RETURN_IF_ERROR(SaveAs(*map, flags.out));
-  for (const std::string& name : replica->Refused()) {
+// Saves what is whole, and says what is not.
+absl::StatusOr<int> Save(const MapSnapshot& map, const std::vector<std::string>& refused,
+                         const Flags& flags) {
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs(map, flags.out));
+  for (const std::string& name : refused) {
     fmt::print(stderr, "{} is left out: another knot interval, other clamps or another version\n",
                absl::Utf8SafeCHexEscape(name));
   }
-  for (const LayerSnapshot& layer : map->layers) {
+  for (const LayerSnapshot& layer : map.layers) {
     fmt::print(stderr, "{}: {} tiles, commit {}\n", absl::Utf8SafeCHexEscape(layer.id.name),
                layer.tiles.size(), layer.revision);
   }
-  return replica->Refused().empty() ? kSuccess : kFailed;
+  return refused.empty() ? kSuccess : kFailed;
+}
+
+absl::StatusOr<int> TakeFromLog(const Flags& flags) {
+  MapFollower follower(flags.follow, 0);  // which has nobody to ask
+  const std::vector<std::string> channels = follower.Channels();
+  Clock::time_point now;
+  absl::Status read;
+  {
+    ProgressBar bar("following");
+    read = ReadLcmLog(
+        flags.log,
+        [&](const LogEvent& event) {
+          if (std::find(channels.begin(), channels.end(), event.channel) == channels.end()) return;
+          now = Clock::time_point(event.utime);
+          follower.HandleMessage(event.message, now);
+        },
+        [&](double share) { bar.Show(share); });
+  }
+  if (!read.ok()) fmt::print(stderr, "{}\n", ErrorText(read));
+  const auto map = follower.WholeSnapshot();
+  if (map->layers.empty()) {
+    return FailedPrecondition(
+        "no map is whole in {}: {}; a log that begins after the daemon has the whole map only "
+        "where a follower asked for it meanwhile, as splinemap snapshot does",
+        flags.log,
+        follower.Layers(now).empty()
+            ? fmt::format("nothing is on {}_DIGESTS", flags.follow.channel_prefix)
+            : "updates are missing");
+  }
+  SPLINEMAP_ASSIGN_OR_RETURN(int exit_status, Save(*map, follower.refused(), flags));
+  for (const FollowedLayer& layer : follower.Layers(now)) {
+    if (layer.is_equal) continue;
+    fmt::print(stderr, "{}: what follows commit {} is not whole in the log\n", Name(layer),
+               layer.revision);
+    exit_status = kFailed;
+  }
+  return read.ok() ? exit_status : kFailed;
+}
+
+absl::StatusOr<int> TakeFromBus(const Flags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow(flags.lcm_url, flags.follow));
+  SPLINEMAP_RETURN_IF_ERROR(WaitUntilInSync(*replica, flags));
+  return Save(*replica->WholeSnapshot(), replica->Refused(), flags);
+}
+
+absl::StatusOr<int> TakeSnapshot(Flags flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(flags.follow.region, ParseRegion(flags.region));
+  flags.follow.detail.band = flags.band == "min"   ? Band::kMin
+                             : flags.band == "max" ? Band::kMax
+                                                   : Band::kValue;
+  if (!flags.follow.detail.IsValid()) {
+    return InvalidArgument("--band {} is of coarser levels; add --level", flags.band);
+  }
+  SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.out, flags.force));
+  return flags.log.empty() ? TakeFromBus(flags) : TakeFromLog(flags);
 }
 
 constexpr const char* kExamples = R"(
 Examples:
   splinemap snapshot lab.splinemap
   splinemap snapshot --robot one --lcm-url 'udpm://239.255.76.67:7667?ttl=0' one.splinemap
+  splinemap snapshot --region=-5,-5,20,10 --level 2 --band max obstacles.splinemap
+  splinemap snapshot --log recorded.lcmlog lab.splinemap
 
-Follows the daemons on a bus until it has their maps byte for byte, and saves them as one file. Exit
-status: 0 saved, 1 not whole within --timeout or a layer left out, 2 usage.)";
+Follows the daemons on a bus until it has their maps byte for byte, and saves them as one file. At
+level n the knot interval is 2^n times as wide; values are smoothed, min and max are the least and the
+greatest log-odds of each square of 2^n x 2^n control points. Exit status: 0 saved, 1 not whole within
+--timeout or a layer left out, 2 usage.)";
 
 }  // namespace
 
@@ -95,6 +159,16 @@ void AddSnapshot(CLI::App& app, Command& chosen) {
   command
       ->add_option("--robot", flags->follow.names, "Only the layers of this robot; may be repeated")
       ->type_name("NAME");
+  command
+      ->add_option("--region", flags->region, "Only tiles about this part of the map frame, in m")
+      ->type_name("X0,Y0,X1,Y1");
+  command
+      ->add_option("--level", flags->follow.detail.level, "Level of detail (default 0: as mapped)")
+      ->check(CLI::Range(0, Detail::kMaxLevel));
+  command->add_option("--band", flags->band, "Of coarser levels (default value)")
+      ->check(CLI::IsMember({"value", "min", "max"}));
+  command->add_option("--log", flags->log, "Follow what this LCM log has, instead of a bus")
+      ->excludes("--lcm-url", "--region", "--level");
   command->add_option("--timeout", flags->timeout_s, "s until it gives up (default 10)")
       ->check(CLI::Range(0.1, 1e6));
   command->add_flag("--force", flags->force, "Replace OUT");

@@ -1,16 +1,20 @@
+#include <unistd.h>
+
 #include <chrono>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "absl/strings/escaping.h"
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/live_view.h"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/lcm_bus.h"
 
 namespace splinemap {
 namespace {
+
+constexpr std::chrono::milliseconds kDrawInterval(1000);
 
 struct Flags {
   std::string lcm_url;
@@ -50,23 +54,32 @@ nlohmann::json ToJson(const status_t& status) {
           {"last_problem", status.last_problem}};
 }
 
-// Texts come from the bus: control characters are shown, not sent to the terminal.
-std::string Line(const status_t& status) {
-  std::string line = fmt::format("{}: {} of {} scans mapped, {} poses; {} waiting; {} tiles",
-                                 absl::Utf8SafeCHexEscape(status.name), status.scans_mapped,
-                                 status.scans_received, status.poses_received,
-                                 status.messages_queued + status.scans_queued, status.tiles);
-  if (status.scan_time_mean_ms > 0)
-    line += fmt::format("; {:.3f} ms a scan", status.scan_time_mean_ms);
-  for (size_t k = 0; k < status.drop_reasons.size(); ++k) {
-    line += fmt::format("{} {} {}", k == 0 ? "; dropped" : ",", status.drop_counts[k],
-                        absl::Utf8SafeCHexEscape(status.drop_reasons[k]));
+// Until the user ends it.
+absl::StatusOr<int> ShowLive(const Flags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
+  FollowOptions follow;
+  follow.channel_prefix = flags.prefix;
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow(flags.lcm_url, follow));
+  LiveView view(*replica);
+  bus->Subscribe(flags.prefix + "_STATUS",
+                 [&](const std::string&, absl::Span<const uint8_t> message) {
+                   const absl::StatusOr<status_t> status = DecodeStatus(message);
+                   if (status.ok()) view.TakeStatus(*status);
+                 });
+  fmt::print("\x1b[2J");
+  auto next_draw = Clock::now();
+  while (true) {
+    bus->Handle(std::chrono::milliseconds(50));
+    const auto now = Clock::now();
+    if (now < next_draw) continue;
+    next_draw = now + kDrawInterval;
+    fmt::print("{}", view.Draw(now));
+    if (std::fflush(stdout) != 0) return kFailed;
   }
-  if (!status.last_problem.empty()) line += "; " + absl::Utf8SafeCHexEscape(status.last_problem);
-  return line;
 }
 
 absl::StatusOr<int> Watch(const Flags& flags) {
+  if (isatty(STDOUT_FILENO) == 1 && !flags.json && !flags.once) return ShowLive(flags);
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
   const std::string channel = flags.prefix + "_STATUS";
   int64_t seen = 0;
@@ -78,7 +91,8 @@ absl::StatusOr<int> Watch(const Flags& flags) {
     }
     ++seen;
     const auto replace = nlohmann::json::error_handler_t::replace;  // text from the bus
-    fmt::print("{}\n", flags.json ? ToJson(*status).dump(-1, ' ', false, replace) : Line(*status));
+    fmt::print("{}\n",
+               flags.json ? ToJson(*status).dump(-1, ' ', false, replace) : StatusLine(*status));
     std::fflush(stdout);
   });
   const auto timeout = std::chrono::milliseconds(static_cast<int64_t>(flags.timeout_s * 1000));
@@ -94,14 +108,17 @@ Examples:
   splinemap watch
   splinemap watch --json --once --lcm-url 'udpm://239.255.76.67:7667?ttl=0'
 
-Prints what the daemons on the bus say of themselves, a line each a second. Ends with status 1 when
-nothing was heard for --timeout.)";
+In a terminal: daemons, the layers that are followed, and the map, until Ctrl-C. "state of" says how
+old what is shown may be at most; "tiles asked" are those that were lost on the way or that were there
+before. Elsewhere, and with --json or --once: what the daemons say of themselves, a line each a
+second; ends with status 1 when nothing was heard for --timeout.)";
 
 }  // namespace
 
 void AddWatch(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<Flags>();
-  CLI::App* command = app.add_subcommand("watch", "Show how the daemons on a bus are doing");
+  CLI::App* command =
+      app.add_subcommand("watch", "Show how the daemons on a bus are doing, and their map");
   command->footer(kExamples);
   command->add_option("--lcm-url", flags->lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
       ->type_name("URL");

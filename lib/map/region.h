@@ -37,15 +37,14 @@ struct TileBox {
   }
 };
 
-// The tiles that decide what the surface is in `region`, its border included. What is beyond the
-// tiles that exist is left out.
+// The tiles that decide what the surface is in `region`, its border included, as far as tiles can
+// be.
 inline TileBox TilesOf(const Region& region, double knot_interval_m) {
   // Of the knot interval that holds a point, control points one before to two after (equation 3).
   const auto tile = [&](double coordinate_m, int reach) {
+    constexpr double kMax = kMaxKnotIndex;
     const double index = std::floor(coordinate_m / knot_interval_m) + reach;
-    return static_cast<int32_t>(
-               std::clamp<double>(index, -double{kMaxKnotIndex}, double{kMaxKnotIndex})) >>
-           5;
+    return static_cast<int32_t>(index > -kMax ? std::min(index, kMax) : -kMax) >> 5;
   };
   return {tile(region.x0_m, -1), tile(region.y0_m, -1), tile(region.x1_m, 2) + 1,
           tile(region.y1_m, 2) + 1};

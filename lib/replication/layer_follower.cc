@@ -65,6 +65,7 @@ void LayerFollower::BeginLife(LayerEpoch epoch) {
   checked_hash_ = 0;
   checked_nodes_.clear();
   next_renewal_.reset();
+  is_equal_ = false;
   in_sync_ = false;
 }
 
@@ -97,7 +98,7 @@ void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point n
 }
 
 void LayerFollower::BeginCheck(Clock::time_point now) {
-  check_ = digest_;
+  check_ = Check{*digest_, now};
   const int root_level = std::clamp<int>(digest_->root_level, 1, HashIndex::kMaxLevel);
   for (const int32_t y : {-1, 0}) {
     for (const int32_t x : {-1, 0}) {
@@ -114,21 +115,23 @@ bool LayerFollower::Matches() const {
 }
 
 void LayerFollower::LookForMatch(Clock::time_point now) {
-  std::optional<layer_digest_t> matching;
-  if (Matches()) {
-    matching = digest_;
-  } else if (part_.box && check_ && wanted_.empty()) {
-    matching = check_;
+  is_equal_ = Matches();
+  std::optional<Check> done;
+  if (is_equal_) {
+    done = Check{*digest_, now};
+  } else if (check_ && wanted_.empty()) {
+    done = check_;
+    is_equal_ = part_.box.has_value();
   }
-  if (!matching) return;
+  if (!done) return;
   check_.reset();
-  in_sync_ = true;
-  last_match_ = now;
-  checked_hash_ = static_cast<uint64_t>(matching->hash);
-  revision_ = static_cast<uint64_t>(matching->revision);
-  newest_revision_ = std::max(newest_revision_, revision_);
-  whole_ = OwnSnapshot();
   wanted_.clear();
+  in_sync_ = true;
+  last_match_ = done->begin;
+  checked_hash_ = static_cast<uint64_t>(done->digest.hash);
+  revision_ = static_cast<uint64_t>(done->digest.revision);
+  newest_revision_ = std::max(newest_revision_, revision_);
+  if (is_equal_) whole_ = OwnSnapshot();
   previous_.reset();
   previous_index_ = {};
 }

@@ -60,13 +60,18 @@ class LayerFollower {
   const std::optional<LayerSnapshot>& whole() const { return whole_; }
 
   LayerEpoch epoch() const { return epoch_.value_or(LayerEpoch{}); }
-  uint64_t revision() const { return revision_; }  // of the last digest that matched, or 0
+  uint64_t revision() const { return revision_; }  // of the digest with which it was in sync, or 0
   size_t num_tiles() const { return index_.num_tiles(); }
+
+  // Whether the last digest matched: the copy is a state that the owner was in, with later changes
+  // beside it at most.
+  bool is_equal() const { return is_equal_; }
 
   // Of the owner, at the last digest: how long its oldest change has waited to be published.
   double lag_s() const { return digest_ ? digest_->lag_s : 0; }
 
-  // Whether the last digest matched, and when; the copy may have later changes beside.
+  // Whether all that the last digest told of is there: it matched, or what differed was compared
+  // with the owner's and is the owner's or newer. And when that was so for the last time.
   bool in_sync() const { return in_sync_; }
   std::optional<Clock::time_point> last_match() const { return last_match_; }
 
@@ -122,14 +127,20 @@ class LayerFollower {
   HashIndex previous_index_;
 
   absl::flat_hash_map<NodeKey, Wanted> wanted_;
-  // Of a part: the digest whose hashes are being compared, the hash of the last one that matched,
-  // and of nodes that lie partly in it the hash at which what is in it matched.
-  std::optional<layer_digest_t> check_;
+  // The digest whose hashes are being compared, until nothing of it is wanted any more.
+  struct Check {
+    layer_digest_t digest;
+    Clock::time_point begin;
+  };
+  std::optional<Check> check_;
+  // Of a part: the hash of the last digest that matched, and of nodes that lie partly in it the
+  // hash at which what is in it matched.
   uint64_t checked_hash_ = 0;
   absl::flat_hash_map<NodeKey, uint64_t> checked_nodes_;
   std::optional<Clock::time_point> next_renewal_;
   Clock::time_point last_heard_;                     // a digest of this life
   std::optional<Clock::time_point> next_objection_;  // to a lesser life
+  bool is_equal_ = false;
   bool in_sync_ = false;
   std::optional<Clock::time_point> last_match_;
   Counts counts_;

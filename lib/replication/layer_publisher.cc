@@ -119,6 +119,7 @@ void LayerPublisher::Digest(std::vector<PublishedMessage>& messages, Clock::time
   last_digest_ = now;
   messages.emplace_back(MakeDigest(now));
   at_digest_ = published_.Freeze();
+  answered_.clear();
 }
 
 // Listings first: they are short, and followers ask on by them.
@@ -164,6 +165,8 @@ void LayerPublisher::Answer(ByteBudget& budget, std::vector<PublishedMessage>& m
   while (!pulled_tiles_.empty() && budget.MayAnswer()) {
     const TileKey key = *pulled_tiles_.begin();
     pulled_tiles_.erase(pulled_tiles_.begin());
+    // Who needed this one does not have what differences are made to, until the next digest.
+    answered_.insert(key);
     budget.SpendOnAnswers(batch.Add(Publish(key, false)));
   }
 }
@@ -173,7 +176,8 @@ void LayerPublisher::Push(ByteBudget& budget, std::vector<PublishedMessage>& mes
   while (!changes_.empty() && budget.MayPush()) {
     const TileKey key = changes_.front().key;
     changes_.pop_front();
-    if (waiting_.contains(key)) budget.SpendOnPushes(batch.Add(Publish(key, true)));
+    if (!waiting_.contains(key)) continue;
+    budget.SpendOnPushes(batch.Add(Publish(key, !answered_.contains(key))));
   }
 }
 

@@ -75,8 +75,9 @@ class LayerPublisher {
 
   LayerSnapshot layer_;
   TileTreeEditor published_;
-  HashIndex index_;     // of published_
-  TileTree at_digest_;  // published_ when the last digest was sent
+  HashIndex index_;                        // of published_
+  TileTree at_digest_;                     // published_ when the last digest was sent
+  absl::flat_hash_set<TileKey> answered_;  // since then
 
   std::deque<Change> changes_;  // by age; those no longer in waiting_ are done
   absl::flat_hash_set<TileKey> waiting_;

@@ -31,8 +31,23 @@ expect 0 splinemap snapshot growing.splinemap --timeout 30
 wait "$player"
 expect 0 splinemap snapshot whole.splinemap
 expect_text "robot: " err
+# A part, and a coarser level of it.
+expect 0 splinemap snapshot part.splinemap --region=0,0,5,5
+expect 0 splinemap export part.splinemap part --format csv --region 0,0,5,5
+expect 0 splinemap export whole.splinemap whole --format csv --region 0,0,5,5
+cmp part.csv whole.csv || fail "a part is not what the whole has there"
+expect 0 splinemap snapshot coarse.splinemap --level 3 --band max
+[[ $(splinemap info coarse.splinemap --json | jq .knot_interval_m) == 0.4 ]] || fail "not level 3"
+expect 2 splinemap snapshot coarse.splinemap --band max --force
+expect_text "add --level" err
 kill -INT "$logger"
 wait "$logger" || true
+
+# The log alone has the map, from the first commit on.
+expect 0 splinemap snapshot logged.splinemap --log recorded.lcmlog
+expect 0 splinemap diff whole.splinemap logged.splinemap
+expect 1 splinemap snapshot none.splinemap --log office.lcmlog
+expect_text "nothing is on SPLINEMAP_DIGESTS" err
 
 # Its own messages from a log change nothing.
 lcm-logplayer -s 50 --regexp='SPLINEMAP_.*' recorded.lcmlog > /dev/null

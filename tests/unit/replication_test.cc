@@ -284,8 +284,40 @@ TEST(ReplicationTest, ALateFollowerGetsTheWholeMap) {
   }
   world.Run(milliseconds(2000));
   world.AddFollower();
-  world.Run(milliseconds(5000));
+  world.Run(milliseconds(6000));
   EXPECT_TRUE(world.AllInSync());
+}
+
+// Changes of the same tiles do not end, and still a late follower has them all soon.
+TEST(ReplicationTest, ALateFollowerIsInSyncThoughChangesGoOn) {
+  World world({}, {}, 14);
+  world.AddFollower();
+  for (int n = 0; n < 60; ++n) {
+    world.Commit(2);
+    world.Run(milliseconds(60));
+  }
+  world.AddFollower();
+  int equal_seconds = 0;
+  for (int n = 0; n < 200; ++n) {
+    world.Commit(2);
+    world.Run(milliseconds(60));
+    if (n % 20 == 19) equal_seconds += world.follower(1).is_equal() ? 1 : 0;
+  }
+  EXPECT_GE(equal_seconds, 8);
+}
+
+TEST(ReplicationTest, UnderLossNothingIsOldThoughChangesGoOn) {
+  World world({.loss = 0.1, .doubling = 0, .max_delay = milliseconds(0)}, {}, 15);
+  for (int n = 0; n < 4; ++n) world.AddFollower();
+  for (int n = 0; n < 600; ++n) {
+    world.Commit(3);
+    world.Run(milliseconds(60));
+    for (size_t k = 0; n > 100 && k < world.num_followers(); ++k) {
+      const auto match = world.follower(k).last_match();
+      ASSERT_TRUE(match);
+      ASSERT_LT(world.network().now() - *match, milliseconds(6000));
+    }
+  }
 }
 
 TEST(ReplicationTest, ALossHeardByManyIsMendedOnce) {

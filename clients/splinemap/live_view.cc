@@ -1,0 +1,107 @@
+#include "clients/splinemap/live_view.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "absl/strings/escaping.h"
+#include "absl/strings/str_replace.h"
+#include "clients/splinemap/preview.h"
+#include "fmt/format.h"
+
+namespace splinemap {
+namespace {
+
+constexpr size_t kMaxDaemons = 16;
+constexpr std::chrono::seconds kSilent(3);
+constexpr std::chrono::seconds kGone(60);
+
+std::string Staleness(double staleness_ms) {
+  if (!std::isfinite(staleness_ms)) return "never whole";
+  return staleness_ms < 10'000 ? fmt::format("{:.0f} ms", staleness_ms)
+                               : fmt::format("{:.0f} s", staleness_ms / 1000);
+}
+
+}  // namespace
+
+std::string StatusLine(const status_t& status) {
+  std::string line = fmt::format("{}: {} of {} scans mapped, {} poses; {} waiting; {} tiles",
+                                 absl::Utf8SafeCHexEscape(status.name), status.scans_mapped,
+                                 status.scans_received, status.poses_received,
+                                 status.messages_queued + status.scans_queued, status.tiles);
+  if (status.scan_time_mean_ms > 0) {
+    line += fmt::format("; {:.3f} ms a scan", status.scan_time_mean_ms);
+  }
+  for (size_t k = 0; k < status.drop_reasons.size(); ++k) {
+    line += fmt::format("{} {} {}", k == 0 ? "; dropped" : ",", status.drop_counts[k],
+                        absl::Utf8SafeCHexEscape(status.drop_reasons[k]));
+  }
+  if (!status.last_problem.empty()) line += "; " + absl::Utf8SafeCHexEscape(status.last_problem);
+  return line;
+}
+
+void LiveView::TakeStatus(const status_t& status) {
+  if (!daemons_.contains(status.nonce) && daemons_.size() >= kMaxDaemons) return;
+  Daemon& daemon = daemons_[status.nonce];
+  const double passed_s = status.uptime_s - daemon.status.uptime_s;
+  const int64_t scans = status.scans_mapped - daemon.status.scans_mapped;
+  const bool goes_on = daemon.heard != Clock::time_point() && passed_s > 0 && scans >= 0;
+  daemon.scans_per_s = goes_on ? static_cast<double>(scans) / passed_s : 0;
+  daemon.status = status;
+  daemon.heard = Clock::now();
+}
+
+std::string LiveView::Draw(Clock::time_point now) {
+  const double passed_s = std::max(std::chrono::duration<double>(now - last_drawn_).count(), 1e-3);
+  last_drawn_ = now;
+  std::erase_if(daemons_, [&](const auto& daemon) { return now - daemon.second.heard > kGone; });
+  std::string text = DaemonLines(now) + "\n" + LayerLines(passed_s) + "\n";
+  // Lines of daemons may take two rows.
+  const auto lines = static_cast<int>(std::count(text.begin(), text.end(), '\n')) +
+                     static_cast<int>(daemons_.size());
+  const std::shared_ptr<const MapSnapshot> map = replica_.Snapshot();
+  // Without a map, or with one that is too large to draw, there is no picture.
+  if (const absl::StatusOr<std::string> preview = Preview(*map, lines + 2); preview.ok()) {
+    text += *preview;
+  }
+  // From the upper left corner, each line and what is below cleared of what was there.
+  return "\x1b[H" + absl::StrReplaceAll(text, {{"\n", "\x1b[K\n"}}) + "\x1b[J";
+}
+
+std::string LiveView::DaemonLines(Clock::time_point now) const {
+  if (daemons_.empty()) return "no daemon is heard; does splinemapd run on this bus?\n";
+  std::string text;
+  for (const auto& [nonce, daemon] : daemons_) {
+    text += StatusLine(daemon.status) + fmt::format("; {:.1f} scans/s", daemon.scans_per_s);
+    if (now - daemon.heard > kSilent) {
+      text += fmt::format("; silent for {:.0f} s",
+                          std::chrono::duration<double>(now - daemon.heard).count());
+    }
+    text += '\n';
+  }
+  return text;
+}
+
+std::string LiveView::LayerLines(double passed_s) {
+  std::string text = fmt::format("{:<20} {:>5} {:>7} {:>9} {:>12} {:>11} {:>9}\n", "layer", "start",
+                                 "tiles", "commit", "state of", "tiles asked", "unusable");
+  for (const FollowedLayer& layer : replica_.Layers()) {
+    text +=
+        fmt::format("{:<20} {:>5} {:>7} {:>9} {:>12} {:>11} {:>9}  {}\n",
+                    absl::Utf8SafeCHexEscape(layer.id.name), layer.epoch.incarnation, layer.tiles,
+                    layer.revision, Staleness(layer.staleness_ms), layer.counts.asked_tiles,
+                    layer.counts.unusable, layer.in_sync ? "in sync" : "not in sync");
+  }
+  for (const std::string& name : replica_.Refused()) {
+    text +=
+        fmt::format("{} is not followed: another knot interval, other clamps or another version\n",
+                    absl::Utf8SafeCHexEscape(name));
+  }
+  const int64_t bytes = replica_.BytesReceived();
+  text += fmt::format("{:.1f} kB/s received, {:.1f} MB in all\n",
+                      static_cast<double>(bytes - bytes_) / passed_s / 1000,
+                      static_cast<double>(bytes) / 1e6);
+  bytes_ = bytes;
+  return text;
+}
+
+}  // namespace splinemap
