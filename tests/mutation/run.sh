@@ -1,0 +1,87 @@
+#!/usr/bin/env bash
+# run.sh [NAME..]: breaks each rule of the protocol of followers (lcmtypes/README.md), one at a time, in
+# a copy of the sources, and fails where the tests of the protocol do not notice. Some minutes.
+set -euo pipefail
+cd "$(dirname "$(readlink -f "$0")")/../.."
+
+copy=build/mutation/source
+mkdir -p "$copy"
+git ls-files -z --cached --others --exclude-standard | xargs -0 cp -u --parents -t "$copy"
+[[ -f build/mutation/build/build.ninja ]] ||
+  cmake -S "$copy" -B build/mutation/build -G Ninja -DCMAKE_BUILD_TYPE=Dev > /dev/null
+
+tests() {
+  ninja -C build/mutation/build replication_test > build/mutation/log.txt 2>&1 || return 2
+  timeout 300 build/mutation/build/tests/replication_test --gtest_brief=1 --gtest_fail_fast \
+    > build/mutation/log.txt 2>&1
+}
+
+survivors=0
+broken=0
+# mutate NAME FILE PATTERN REPLACEMENT: PATTERN is a Perl regular expression over the whole file.
+mutate() {
+  local name=$1 file=$copy/$2
+  ((${#chosen[@]} == 0)) || [[ " ${chosen[*]} " == *" $name "* ]] || return 0
+  cp "$file" build/mutation/kept
+  P=$3 R=$4 perl -0pi -e 's/$ENV{P}/$ENV{R}/' "$file"
+  if cmp -s "$file" build/mutation/kept; then
+    echo "$name: nothing to break; the pattern is out of date" >&2
+    exit 2
+  fi
+  local status=0
+  tests || status=$?
+  cp build/mutation/kept "$file"
+  broken=$((broken + 1))
+  case $status in
+    0) survivors=$((survivors + 1)); echo "$name: NOT NOTICED" ;;
+    2) tail -n 20 build/mutation/log.txt >&2; echo "$name: does not compile" >&2; exit 2 ;;
+    *) echo "$name: $(grep -m 1 -oE '(FAILED  \]|error:|Assertion) [^ ]*' build/mutation/log.txt |
+      sed 's/FAILED  \] //' || echo "status $status")" ;;
+  esac
+}
+
+chosen=("$@")
+tests || { tail -n 20 build/mutation/log.txt >&2; echo "the tests fail as it is" >&2; exit 2; }
+
+follower=lib/replication/layer_follower.cc
+publisher=lib/replication/layer_publisher.cc
+levels=lib/replication/levels_publisher.cc
+identity=lib/replication/identity_watch.cc
+
+mutate greater_life_replaces "$follower" 'life\.epoch > \*epoch_\) BeginLife' 'false) BeginLife'
+mutate life_begins_empty "$follower" 'tiles_ = TileTreeEditor\(\);\n  index_ = \{\};' ''
+mutate lesser_life_is_ignored "$follower" 'if \(epoch_ && life\.epoch < \*epoch_\)' 'if (false)'
+mutate only_the_present_life_counts "$follower" 'epoch_ && life\.epoch == \*epoch_ && life' 'life'
+mutate newest_revision_wins "$follower" 'RevisionOf\(update\.key\) >= update\.revision' 'RevisionOf(update.key) > ~0ULL'
+mutate incarnation_is_greater_than_heard "$identity" 'heard \+ 1' 'own.epoch.incarnation + 1'
+mutate lesser_owner_takes_another_origin "$identity" 'next\.life\.id\.origin = random;' ''
+mutate follower_tells_of_a_later_life "$follower" 'next_objection_ = now \+ Random\(kObjection\);' ''
+mutate followers_word_waits_for_owners "$identity" 'now - since_ >= kMaxSilence' 'true'
+mutate pull_of_another_life_is_ignored "$levels" 'life\.id != life_\.id \|\| life\.epoch != life_\.epoch \|\|' ''
+mutate differences_are_no_chain "$publisher" 'base = at_digest_\.Find\(key\)' 'base = published_.tree().Find(key)'
+mutate answers_are_no_differences "$publisher" 'Publish\(key, false\)' 'Publish(key, true)'
+mutate pushes_after_an_answer_are_whole "$publisher" '!answered_\.contains\(key\)' 'true'
+mutate result_has_the_checksum lib/map/tile_update.cc 'TileChecksum\(update\.key, tile\) != update\.checksum' 'false'
+mutate hash_is_of_the_present_tiles lib/replication/hash_index.cc 'hash_ \+= change' 'hash_ += checksum'
+mutate digest_is_of_what_is_published "$publisher" 'digest\.hash = static_cast<int64_t>\(index_\.hash\(\)\)' 'digest.hash = 1'
+mutate other_version_is_not_followed "$follower" 'digest\.protocol_version != kProtocolVersion' 'false'
+mutate overtaken_digests_are_ignored "$follower" 'digest_ && WasOvertaken\(digest, \*digest_\)' 'false'
+mutate check_covers_all_quarters "$follower" 'for \(const int32_t x : \{-1, 0\}\)' 'for (const int32_t x : {0})'
+mutate what_differs_is_pulled "$follower" 'in_sync_ = false;\n  Want\(child, now\);' 'in_sync_ = false;'
+mutate asks_are_repeated "$follower" 'wanted\.due = now \+ retry' 'wanted.due = now + 1000000 * retry'
+mutate who_hears_an_ask_waits "$follower" 'now \+ kFirstRetry \+ Random\(kMaxBackOff\)' 'now'
+mutate followers_ask_at_random_times "$follower" 'Wanted\{now \+ Random\(kMaxBackOff\)\}' 'Wanted{now}'
+mutate nothing_is_asked_while_all_is_there "$follower" '!Matches\(\) && wanted_\.empty\(\)' 'wanted_.empty()'
+mutate old_life_is_shown_until_the_new_is_whole "$follower" 'previous_ \? \*previous_ : OwnSnapshot\(\)' 'OwnSnapshot()'
+mutate equal_tiles_are_not_sent_again "$follower" 'previous_index_\.HashOf\(child\) == hash\)' 'false)'
+mutate cap_on_pushes "$publisher" '!changes_\.empty\(\) && budget\.MayPush\(\)' '!changes_.empty()'
+mutate cap_on_answers "$publisher" '!pulled_tiles_\.empty\(\) && budget\.MayAnswer\(\)' '!pulled_tiles_.empty()'
+mutate oldest_change_first "$publisher" 'changes_\.front\(\)\.key;\n    changes_\.pop_front' 'changes_.back().key;\n    changes_.pop_back'
+mutate part_is_compared "$follower" 'checked->second == hash' 'true'
+mutate part_ends_where_it_ends "$follower" 'if \(IsOutside\(child\)\) return true;' ''
+mutate levels_are_kept_while_asked_for "$follower" '\*next_renewal_ <= now \|\|' ''
+mutate levels_are_given_up "$levels" 'now - asked\.second\.last > kMaxSilence' 'false'
+mutate levels_follow_changes lib/map/levels_of_detail.cc '\(key\.tx & 1\) != 0 \? 1 : -1' '(key.tx \& 1) != 0 ? -1 : 1'
+
+echo "$broken rules broken, $survivors not noticed"
+((survivors == 0))
