@@ -12,11 +12,11 @@ using std::chrono::milliseconds;
 // followers that lack the same one asks first.
 constexpr milliseconds kMaxBackOff(100);
 constexpr milliseconds kFirstRetry(300);
-constexpr int kMaxDoublings = 3;
+constexpr int kMaxDoublings = 1;  // at a loss of 30 %, half of what is asked is not answered
 constexpr size_t kMaxWanted = 200'000;
 constexpr size_t kMaxAskedAtOnce = 256;  // tiles and nodes that are asked for and not there yet
 constexpr size_t kNodesPerPull = 100;    // so that a pull is one frame
-constexpr int kMaxAsks = 6;              // then it is no more believed to exist
+constexpr int kMaxAsks = 16;             // then it is no more believed to exist
 // An owner that says nothing for so long is gone. Who begins again in a lesser life then, because
 // its file is an older copy, is told that there was a later one.
 constexpr milliseconds kMaxSilence(3000);

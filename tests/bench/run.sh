@@ -52,6 +52,11 @@ for subject in "${subjects[@]}"; do
 done
 
 "$programs/accuracy/accuracy" "${quick[@]}" --out "$out"
+deploy/own_bus.sh "$programs/serving/serving" "${quick[@]}" --json "$out/serving.json" > "$out/serving.txt"
 "$python" tests/bench/accuracy/plot.py "$out"
-"$python" tests/bench/report.py "$out" > build/bench/report.md
+{
+  "$python" tests/bench/report.py "$out"
+  printf '\n## Following a map\n\n'
+  sed 's/^/    /' "$out/serving.txt"
+} > build/bench/report.md
 echo "build/bench/report.md"

@@ -1,0 +1,75 @@
+// How soon and at what cost followers have what a daemon maps.
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <fstream>
+
+#include "lib/base/status.h"
+#include "tests/bench/serving/bandwidth.h"
+#include "tests/bench/serving/latency.h"
+
+namespace splinemap::bench {
+namespace {
+
+void Print(const Figures& figures) {
+  fmt::print("\n{:<50}", figures.workload);
+  for (const std::string& unit : figures.units) fmt::print("{:>20} {:>7}", unit, "ratio");
+  fmt::print("\n");
+  for (const auto& [name, values] : figures.competitors) {
+    fmt::print("{:<50}", name);
+    for (size_t k = 0; k < values.size(); ++k) {
+      fmt::print("{:>20.2f} {:>7.2f}", values[k], values[k] / figures.competitors[0].values[k]);
+    }
+    fmt::print("\n");
+  }
+  std::fflush(stdout);
+}
+
+std::string Json(const Figures& figures) {
+  std::string rows;
+  for (const auto& [name, values] : figures.competitors) {
+    for (size_t k = 0; k < values.size(); ++k) {
+      rows += fmt::format(
+          "{{\"workload\": \"{}\", \"competitor\": \"{}\", \"unit\": \"{}\", \"value\": {}}}\n",
+          figures.workload, name, figures.units[k], values[k]);
+    }
+  }
+  return rows;
+}
+
+absl::Status Run(bool quick, const std::string& json_path) {
+  std::vector<Figures> all;
+  SPLINEMAP_ASSIGN_OR_RETURN(all.emplace_back(), MeasureLatency(quick ? 20 : 400));
+  Print(all.back());
+  for (const char* name : {"intel", "freiburg_079", "simulated_360_beams_3.5_m"}) {
+    if (const auto workload = MakeWorkload(name, quick ? 100 : 1'000'000)) {
+      Print(all.emplace_back(MeasureBandwidth(*workload)));
+    }
+  }
+  if (json_path.empty()) return absl::OkStatus();
+  std::ofstream json(json_path);
+  for (const Figures& figures : all) json << Json(figures);
+  return json.flush() ? absl::OkStatus() : Unavailable("cannot write {}", json_path);
+}
+
+int Main(int argc, char** argv) {
+  CLI::App app("serving: latency and bytes of following a map; run it by deploy/own_bus.sh");
+  bool quick = false;
+  bool is_echo = false;
+  std::string json_path;
+  app.add_flag("--quick", quick, "A little of everything; the figures say nothing");
+  app.add_flag("--echo", is_echo, "Only send back what comes, for another process");
+  app.add_option("--json", json_path, "Also write a JSON object a line to this file");
+  CLI11_PARSE(app, argc, argv);
+  if (absl::Status status = is_echo ? Echo() : Run(quick, json_path); !status.ok()) {
+    fmt::print(stderr, "serving: {}\n", ErrorText(status));
+    return 1;
+  }
+  return 0;
+}
+
+}  // namespace
+}  // namespace splinemap::bench
+
+int main(int argc, char** argv) { return splinemap::bench::Main(argc, argv); }

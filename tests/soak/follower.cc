@@ -1,0 +1,73 @@
+// Follows a map as a planner does, and prints how it is as a JSON line ten times a second. On
+// SIGTERM it waits until it is in sync, for some seconds, saves the map and ends.
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <memory>
+#include <string>
+#include <thread>
+
+#include "clients/replica/map_replica.h"
+#include "lib/base/status.h"
+#include "lib/store/map_file.h"
+
+namespace splinemap {
+namespace {
+
+std::sig_atomic_t is_ended = 0;
+
+void Print(const FollowedLayer& layer, int64_t bytes_received) {
+  const std::chrono::duration<double> now = std::chrono::system_clock::now().time_since_epoch();
+  fmt::print(
+      "{{\"time_s\": {:.3f}, \"incarnation\": {}, \"revision\": {}, \"in_sync\": {}, "
+      "\"tiles\": {}, \"bytes\": {}, \"applied\": {}, \"stale\": {}, \"unusable\": {}, "
+      "\"asked_tiles\": {}, \"asked_nodes\": {}}}\n",
+      now.count(), layer.epoch.incarnation, layer.revision, layer.in_sync, layer.tiles,
+      bytes_received, layer.counts.applied, layer.counts.stale, layer.counts.unusable,
+      layer.counts.asked_tiles, layer.counts.asked_nodes);
+  std::fflush(stdout);
+}
+
+absl::Status Save(const MapSnapshot& map, const std::string& out) {
+  SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(out));
+  SPLINEMAP_RETURN_IF_ERROR(file.Save(map));
+  return file.Close();
+}
+
+// Of one robot.
+absl::Status Run(const std::string& out) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow("", {}));
+  constexpr int kTicksToSync = 50;
+  int ticks_left = kTicksToSync;
+  bool in_sync = false;
+  while (is_ended == 0 || (!in_sync && --ticks_left > 0)) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    const auto layers = replica->Layers();
+    in_sync = !layers.empty() && layers.front().in_sync;
+    if (!layers.empty()) Print(layers.front(), replica->BytesReceived());
+  }
+  SPLINEMAP_RETURN_IF_ERROR(Save(*replica->WholeSnapshot(), out));
+  return in_sync ? absl::OkStatus() : Unavailable("the map in {} is not whole", out);
+}
+
+int Main(int argc, char** argv) {
+  CLI::App app("follower: follows the map of one robot on LCM_DEFAULT_URL");
+  std::string out;
+  app.add_option("OUT", out, "Map file to write at the end")->required();
+  CLI11_PARSE(app, argc, argv);
+  std::signal(SIGTERM, [](int) { is_ended = 1; });
+  if (absl::Status status = Run(out); !status.ok()) {
+    fmt::print(stderr, "follower: {}\n", ErrorText(status));
+    return 1;
+  }
+  return 0;
+}
+
+}  // namespace
+}  // namespace splinemap
+
+int main(int argc, char** argv) { return splinemap::Main(argc, argv); }
