@@ -10,6 +10,7 @@
 #include <memory>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "clients/replica/map_replica.h"
 #include "lib/base/status.h"
@@ -20,13 +21,15 @@ namespace {
 
 std::sig_atomic_t is_ended = 0;
 
+bool IsWhole(const FollowedLayer& layer) { return layer.in_sync && layer.is_equal; }
+
 void Print(const FollowedLayer& layer, int64_t bytes_received) {
   const std::chrono::duration<double> now = std::chrono::system_clock::now().time_since_epoch();
   fmt::print(
       "{{\"time_s\": {:.3f}, \"incarnation\": {}, \"revision\": {}, \"in_sync\": {}, "
       "\"tiles\": {}, \"bytes\": {}, \"applied\": {}, \"stale\": {}, \"unusable\": {}, "
       "\"asked_tiles\": {}, \"asked_nodes\": {}}}\n",
-      now.count(), layer.epoch.incarnation, layer.revision, layer.in_sync, layer.tiles,
+      now.count(), layer.epoch.incarnation, layer.revision, IsWhole(layer), layer.tiles,
       bytes_received, layer.counts.applied, layer.counts.stale, layer.counts.unusable,
       layer.counts.asked_tiles, layer.counts.asked_nodes);
   std::fflush(stdout);
@@ -39,15 +42,15 @@ absl::Status Save(const MapSnapshot& map, const std::string& out) {
 }
 
 // Of one robot.
-absl::Status Run(const std::string& out) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow("", {}));
+absl::Status Run(const std::string& out, const FollowOptions& options) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow("", options));
   constexpr int kTicksToSync = 50;
   int ticks_left = kTicksToSync;
   bool in_sync = false;
   while (is_ended == 0 || (!in_sync && --ticks_left > 0)) {
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
     const auto layers = replica->Layers();
-    in_sync = !layers.empty() && layers.front().in_sync;
+    in_sync = !layers.empty() && IsWhole(layers.front());
     if (!layers.empty()) Print(layers.front(), replica->BytesReceived());
   }
   SPLINEMAP_RETURN_IF_ERROR(Save(*replica->WholeSnapshot(), out));
@@ -58,9 +61,14 @@ int Main(int argc, char** argv) {
   CLI::App app("follower: follows the map of one robot on LCM_DEFAULT_URL");
   std::string out;
   app.add_option("OUT", out, "Map file to write at the end")->required();
+  std::vector<double> region_m;
+  app.add_option("--region", region_m, "x0 y0 x1 y1 in metres")->expected(4);
   CLI11_PARSE(app, argc, argv);
+  FollowOptions options;
+  if (!region_m.empty())
+    options.region = Region{region_m[0], region_m[1], region_m[2], region_m[3]};
   std::signal(SIGTERM, [](int) { is_ended = 1; });
-  if (absl::Status status = Run(out); !status.ok()) {
+  if (absl::Status status = Run(out, options); !status.ok()) {
     fmt::print(stderr, "follower: {}\n", ErrorText(status));
     return 1;
   }
