@@ -176,9 +176,17 @@ void LayerPublisher::Push(ByteBudget& budget, std::vector<PublishedMessage>& mes
   while (!changes_.empty() && budget.MayPush()) {
     const TileKey key = changes_.front().key;
     changes_.pop_front();
-    if (!waiting_.contains(key)) continue;
+    if (!waiting_.contains(key) || SkipUnchanged(key)) continue;
     budget.SpendOnPushes(batch.Add(Publish(key, !answered_.contains(key))));
   }
+}
+
+// Many a scan leaves control points at their limits as they were.
+bool LayerPublisher::SkipUnchanged(TileKey key) {
+  const Tile* published = published_.tree().Find(key);
+  if (published == nullptr || *published != *layer_.tiles.Find(key)) return false;
+  waiting_.erase(key);
+  return true;
 }
 
 TileUpdate LayerPublisher::Publish(TileKey key, bool as_difference) {

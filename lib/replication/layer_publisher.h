@@ -63,6 +63,8 @@ class LayerPublisher {
   bool Pushes() const { return life_.detail == Detail{}; }
   void Answer(ByteBudget& budget, std::vector<PublishedMessage>& messages);
   void Push(ByteBudget& budget, std::vector<PublishedMessage>& messages);
+  // Done with a change that left the tile as it is published.
+  bool SkipUnchanged(TileKey key);
   // Publishes the tile as it is now, as a difference to the last digest where that is allowed and
   // shorter.
   TileUpdate Publish(TileKey key, bool as_difference);

@@ -148,12 +148,17 @@ class Forecast {
     }
   };
   Change Next(const Reading& reading) {
-    const uint64_t epoch = layer_->Snapshot().tiles.epoch();
+    const TileTree before = layer_->Snapshot().tiles;
     mapper_->HandleMessage("POSE", Encode(reading.pose));
     mapper_->HandleMessage("LASER", Encode(reading.scan));
     Change change{layer_->revision(), {}};
-    layer_->Snapshot().tiles.ForEachChanged(
-        epoch, [&](TileKey key, const TileTree::Entry&) { change.tiles.push_back(key); });
+    layer_->Snapshot().tiles.ForEachChanged(before.epoch(),
+                                            [&](TileKey key, const TileTree::Entry& entry) {
+                                              // What a scan leaves as it was is not published.
+                                              const Tile* tile = before.Find(key);
+                                              if (tile == nullptr || *tile != *entry.tile)
+                                                change.tiles.push_back(key);
+                                            });
     return change;
   }
 
