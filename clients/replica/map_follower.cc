@@ -89,10 +89,20 @@ void MapFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point now
     }
     LayerFollower::Part part;
     part.detail = options_.detail;
+    part.max_tiles = options_.max_tiles_per_layer;
     if (options_.region) part.box = TilesOf(*options_.region, map_options.knot_interval_m);
     layer = &layers_.try_emplace(id, id, ++seed_, part).first->second;
   }
   layer->TakeDigest(digest, now);
+  ForgetReplaced(id, now);
+}
+
+void MapFollower::ForgetReplaced(const LayerId& speaker, Clock::time_point now) {
+  std::erase_if(layers_, [&](const auto& entry) {
+    const auto& [id, layer] = entry;
+    const std::chrono::duration<double> silence = now - layer.last_heard();
+    return id.name == speaker.name && id != speaker && silence.count() > kMaxSilence_s;
+  });
 }
 
 void MapFollower::Refuse(const std::string& name) {

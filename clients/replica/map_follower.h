@@ -25,6 +25,8 @@ struct FollowOptions {
   // obstacles stay. The knot interval of the copy is 2^level times the map's. Control point (i, j)
   // stands for finer ones from (i, j) 2^level on.
   Detail detail;
+  // Of one layer; what is beyond is left out, and the layer never in sync.
+  size_t max_tiles_per_layer = LayerFollower::kDefaultMaxTiles;
 };
 
 struct FollowedLayer {
@@ -34,14 +36,15 @@ struct FollowedLayer {
   size_t tiles = 0;
   bool is_equal = false;  // to what its owner had published at the last digest
   bool in_sync = false;   // nothing of then is missing, and the owner still speaks
-  // Since the digest with which it was in sync last, and of what that left out; infinity where there
-  // was none. What is shown is no older than that.
+  // Since the digest with which it was in sync last, and of what that left out; infinity where
+  // there was none. What is shown is no older than that.
   double staleness_ms = 0;
   LayerFollower::Counts counts;
 };
 
-// A copy of the map that daemons publish, made of their messages alone, from a bus or a log.
-// Without threads and sockets of its own. Thread-compatible.
+// A copy of the map that daemons publish, made of their messages alone, from a bus or a log. The
+// layer of an owner that is silent stays, until a daemon of the same name speaks for another one: a
+// robot that began a new map. Without threads and sockets of its own. Thread-compatible.
 class MapFollower {
  public:
   // `seed`: see LayerFollower.
@@ -76,6 +79,7 @@ class MapFollower {
  private:
   void TakeDigest(const layer_digest_t& digest, Clock::time_point now);
   LayerFollower* Find(const layer_epoch_t& layer);
+  void ForgetReplaced(const LayerId& speaker, Clock::time_point now);
   void Refuse(const std::string& name);
 
   const FollowOptions options_;

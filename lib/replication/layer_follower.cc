@@ -12,8 +12,8 @@ using std::chrono::milliseconds;
 // followers that lack the same one asks first.
 constexpr milliseconds kMaxBackOff(100);
 constexpr milliseconds kFirstRetry(300);
-constexpr int kMaxDoublings = 1;  // at a loss of 30 %, half of what is asked is not answered
-constexpr size_t kMaxWanted = 200'000;
+constexpr int kMaxDoublings = 1;         // at a loss of 30 %, half of what is asked is not answered
+constexpr size_t kMaxWanted = 20'000;    // what is beyond is found again by the next digest
 constexpr size_t kMaxAskedAtOnce = 256;  // tiles and nodes that are asked for and not there yet
 constexpr size_t kNodesPerPull = 100;    // so that a pull is one frame
 constexpr int kMaxAsks = 16;             // then it is no more believed to exist

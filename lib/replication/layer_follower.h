@@ -27,7 +27,7 @@ namespace splinemap {
 // threads or sockets of its own. Thread-compatible.
 class LayerFollower {
  public:
-  static constexpr size_t kDefaultMaxTiles = size_t{1} << 21;  // 4 GiB
+  static constexpr size_t kDefaultMaxTiles = size_t{1} << 20;  // 2 GiB
 
   struct Part {
     Detail detail;
@@ -74,6 +74,9 @@ class LayerFollower {
   // with the owner's and is the owner's or newer. And when that was so for the last time.
   bool in_sync() const { return in_sync_; }
   std::optional<Clock::time_point> last_match() const { return last_match_; }
+
+  // A digest of its present life.
+  Clock::time_point last_heard() const { return last_heard_; }
 
   struct Counts {
     int64_t applied = 0;

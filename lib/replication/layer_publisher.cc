@@ -77,7 +77,7 @@ void LayerPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point now)
     if (!Pushes()) {
       published_.Put(key, entry.tile, entry.revision);
       index_.Set(key, TileChecksum(key, *entry.tile));
-    } else if (waiting_.insert(key).second) {
+    } else if (waiting_.try_emplace(key, after_revision).second) {
       changes_.push_back({key, after_revision, now});
     }
   });
@@ -90,9 +90,9 @@ void LayerPublisher::TakePull(const layer_pull_t& pull) {
     const NodeKey node{pull.levels[n], pull.xs[n], pull.ys[n]};
     if (node.level == 0) {
       const TileKey key{node.x, node.y};
-      if (published_.tree().Find(key) != nullptr) pulled_tiles_.insert(key);
+      if (published_.tree().Find(key) != nullptr) pulled_tiles_.Push(key);
     } else if (node.IsValid()) {
-      pulled_nodes_.insert(node);
+      pulled_nodes_.Push(node);
     }
   }
 }
@@ -137,8 +137,7 @@ void LayerPublisher::Answer(ByteBudget& budget, std::vector<PublishedMessage>& m
   };
   size_t bytes = listing.getEncodedSize();
   while (!pulled_nodes_.empty() && budget.MayAnswer()) {
-    const NodeKey node = *pulled_nodes_.begin();
-    pulled_nodes_.erase(pulled_nodes_.begin());
+    const NodeKey node = pulled_nodes_.Pop();
     node_listing_t of_node;
     of_node.level = node.level;
     of_node.x = node.x;
@@ -163,8 +162,7 @@ void LayerPublisher::Answer(ByteBudget& budget, std::vector<PublishedMessage>& m
 
   UpdateBatch batch(life_, messages);
   while (!pulled_tiles_.empty() && budget.MayAnswer()) {
-    const TileKey key = *pulled_tiles_.begin();
-    pulled_tiles_.erase(pulled_tiles_.begin());
+    const TileKey key = pulled_tiles_.Pop();
     // Who needed this one does not have what differences are made to, until the next digest.
     answered_.insert(key);
     budget.SpendOnAnswers(batch.Add(Publish(key, false)));
@@ -174,11 +172,17 @@ void LayerPublisher::Answer(ByteBudget& budget, std::vector<PublishedMessage>& m
 void LayerPublisher::Push(ByteBudget& budget, std::vector<PublishedMessage>& messages) {
   UpdateBatch batch(life_, messages);
   while (!changes_.empty() && budget.MayPush()) {
-    const TileKey key = changes_.front().key;
+    const Change change = changes_.front();
+    const TileKey key = change.key;
     changes_.pop_front();
-    if (!waiting_.contains(key) || SkipUnchanged(key)) continue;
+    if (!IsWaiting(change) || SkipUnchanged(key)) continue;
     budget.SpendOnPushes(batch.Add(Publish(key, !answered_.contains(key))));
   }
+}
+
+bool LayerPublisher::IsWaiting(const Change& change) const {
+  const auto found = waiting_.find(change.key);
+  return found != waiting_.end() && found->second == change.after_revision;
 }
 
 // Many a scan leaves control points at their limits as they were.
@@ -204,7 +208,7 @@ TileUpdate LayerPublisher::Publish(TileKey key, bool as_difference) {
 }
 
 layer_digest_t LayerPublisher::MakeDigest(Clock::time_point now) {
-  while (!changes_.empty() && !waiting_.contains(changes_.front().key)) changes_.pop_front();
+  while (!changes_.empty() && !IsWaiting(changes_.front())) changes_.pop_front();
   layer_digest_t digest;
   digest.layer = splinemap::ToMessage(life_);
   digest.protocol_version = kProtocolVersion;

@@ -16,6 +16,7 @@
 #include "lib/map/map.h"
 #include "lib/map/tile_update.h"
 #include "lib/replication/byte_budget.h"
+#include "lib/replication/fifo_set.h"
 #include "lib/replication/hash_index.h"
 #include "lib/replication/protocol.h"
 
@@ -81,10 +82,12 @@ class LayerPublisher {
   TileTree at_digest_;                     // published_ when the last digest was sent
   absl::flat_hash_set<TileKey> answered_;  // since then
 
-  std::deque<Change> changes_;  // by age; those no longer in waiting_ are done
-  absl::flat_hash_set<TileKey> waiting_;
-  absl::flat_hash_set<TileKey> pulled_tiles_;
-  absl::flat_hash_set<NodeKey> pulled_nodes_;
+  bool IsWaiting(const Change& change) const;
+
+  std::deque<Change> changes_;                      // by age; some are done already
+  absl::flat_hash_map<TileKey, uint64_t> waiting_;  // their after_revision
+  FifoSet<TileKey> pulled_tiles_;
+  FifoSet<NodeKey> pulled_nodes_;
   std::optional<Clock::time_point> last_push_;
   std::optional<Clock::time_point> last_digest_;
 };

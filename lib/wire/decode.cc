@@ -19,6 +19,7 @@ constexpr size_t kFingerprintBytes = 8;
 // Sensors that look this far out of the horizontal plane make no planar map.
 constexpr double kMaxTilt_rad = 10 * std::numbers::pi / 180;
 constexpr size_t kMaxNameBytes = 256;
+constexpr int kMaxPulledNodes = 1000;  // of what followers ask for at once, several times
 constexpr int64_t kMaxUtime = int64_t{230} * 365 * 86'400 * 1'000'000;
 
 // Walks over the fields of a message without decoding them, to see whether its counts add up to its
@@ -386,7 +387,12 @@ absl::StatusOr<layer_listing_t> DecodeLayerListing(absl::Span<const uint8_t> mes
 }
 
 absl::StatusOr<layer_pull_t> DecodeLayerPull(absl::Span<const uint8_t> message) {
-  return DecodeOnly<layer_pull_t>(MessageType::kLayerPull, message);
+  SPLINEMAP_ASSIGN_OR_RETURN(auto pull, DecodeOnly<layer_pull_t>(MessageType::kLayerPull, message));
+  if (pull.num_nodes > kMaxPulledNodes) {
+    return InvalidArgument("layer_pull_t of {} nodes; {} are the most", pull.num_nodes,
+                           kMaxPulledNodes);
+  }
+  return pull;
 }
 
 }  // namespace splinemap

@@ -76,7 +76,7 @@ mutate old_life_is_shown_until_the_new_is_whole "$follower" 'previous_ \? \*prev
 mutate equal_tiles_are_not_sent_again "$follower" 'previous_index_\.HashOf\(child\) == hash\)' 'false)'
 mutate cap_on_pushes "$publisher" '!changes_\.empty\(\) && budget\.MayPush\(\)' '!changes_.empty()'
 mutate cap_on_answers "$publisher" '!pulled_tiles_\.empty\(\) && budget\.MayAnswer\(\)' '!pulled_tiles_.empty()'
-mutate oldest_change_first "$publisher" 'changes_\.front\(\)\.key;\n    changes_\.pop_front' 'changes_.back().key;\n    changes_.pop_back'
+mutate oldest_change_first "$publisher" 'change = changes_\.front\(\);\n    const TileKey key = change\.key;\n    changes_\.pop_front' 'change = changes_.back();\n    const TileKey key = change.key;\n    changes_.pop_back'
 mutate part_is_compared "$follower" 'checked->second == hash' 'true'
 mutate part_ends_where_it_ends "$follower" 'if \(IsOutside\(child\)\) return true;' ''
 mutate levels_are_kept_while_asked_for "$follower" '\*next_renewal_ <= now \|\|' ''
