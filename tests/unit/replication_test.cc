@@ -371,16 +371,15 @@ TEST(ReplicationTest, ALostPushIsMadeGoodByTheNextOne) {
 
 TEST(ReplicationTest, TheCapHoldsForPushesAndAnswers) {
   PublisherOptions options;
-  options.bytes_per_s = 50'000;
+  options.bytes_per_s = 20'000;
   World world({}, options, 17);
   for (int n = 0; n < 400; ++n) world.Commit(100);
   world.AddFollower();
   world.AddFollower();
-  world.Run(milliseconds(1000));
   for (int second = 0; second < 10; ++second) {
     const int64_t bytes = world.bytes_of_owner();
     for (int n = 0; n < 10; ++n) {
-      world.Commit(100);
+      for (int k = 0; k < 20; ++k) world.Commit(100);
       world.Run(milliseconds(100));
     }
     // Beside it the digest and the heads of messages; the burst of a quarter of a second.
