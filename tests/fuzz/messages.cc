@@ -116,8 +116,10 @@ Message ScanOfRoom(const Pose2& room_T_sensor, Utime utime, bool is_planar) {
 Utime TakeUtime(FuzzInput& input, Utime& clock) {
   const auto step = static_cast<int8_t>(input.Byte());
   if (step == -128) return Utime(input.Take<int64_t>());
-  clock += step * milliseconds(10);
-  return clock;
+  // A scan's own clock may stand at either end of time already.
+  int64_t count = 0;
+  if (__builtin_add_overflow(clock.count(), 10'000 * step, &count)) return clock;
+  return clock = Utime(count);
 }
 
 void TakeMessage(FuzzInput& input, absl::Span<const std::string> channels, Utime& clock,
