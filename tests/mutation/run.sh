@@ -76,12 +76,12 @@ mutate old_life_is_shown_until_the_new_is_whole "$follower" 'previous_ \? \*prev
 mutate equal_tiles_are_not_sent_again "$follower" 'previous_index_\.HashOf\(child\) == hash\)' 'false)'
 mutate cap_on_pushes "$publisher" '!changes_\.empty\(\) && budget\.MayPush\(\)' '!changes_.empty()'
 mutate cap_on_answers "$publisher" '!pulled_tiles_\.empty\(\) && budget\.MayAnswer\(\)' '!pulled_tiles_.empty()'
-mutate oldest_change_first "$publisher" 'change = changes_\.front\(\);\n    const TileKey key = change\.key;\n    changes_\.pop_front' 'change = changes_.back();\n    const TileKey key = change.key;\n    changes_.pop_back'
+mutate oldest_change_first "$publisher" 'change = changes_\.front\(\);\n    const TileKey key = change\.key;\n    changes_\.pop_front' 'change = changes_.back(); const TileKey key = change.key; changes_.pop_back'
 mutate part_is_compared "$follower" 'checked->second == hash' 'true'
 mutate part_ends_where_it_ends "$follower" 'if \(IsOutside\(child\)\) return true;' ''
 mutate levels_are_kept_while_asked_for "$follower" '\*next_renewal_ <= now \|\|' ''
 mutate levels_are_given_up "$levels" 'now - asked\.second\.last > kMaxSilence' 'false'
-mutate levels_follow_changes lib/map/levels_of_detail.cc '\(key\.tx & 1\) != 0 \? 1 : -1' '(key.tx \& 1) != 0 ? -1 : 1'
+mutate levels_follow_changes lib/map/levels_of_detail.cc '\(key\.tx & 1\) != 0 \? 1 : -1' '(key.tx & 1) != 0 ? -1 : 1'
 
 echo "$broken rules broken, $survivors not noticed"
 ((survivors == 0))

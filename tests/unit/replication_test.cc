@@ -371,9 +371,11 @@ TEST(ReplicationTest, ALostPushIsMadeGoodByTheNextOne) {
 
 TEST(ReplicationTest, TheCapHoldsForPushesAndAnswers) {
   PublisherOptions options;
-  options.bytes_per_s = 20'000;
+  options.bytes_per_s = 10'000;
   World world({}, options, 17);
   for (int n = 0; n < 400; ++n) world.Commit(100);
+  const LayerSnapshot file = world.OwnersLayer();
+  world.StartOwner(&file);  // so that followers have to ask for it
   world.AddFollower();
   world.AddFollower();
   for (int second = 0; second < 10; ++second) {
@@ -382,8 +384,8 @@ TEST(ReplicationTest, TheCapHoldsForPushesAndAnswers) {
       for (int k = 0; k < 20; ++k) world.Commit(100);
       world.Run(milliseconds(100));
     }
-    // Beside it the digest and the heads of messages; the burst of a quarter of a second.
-    EXPECT_LE(world.bytes_of_owner() - bytes, 1.35 * options.bytes_per_s);
+    // Beside it the digest, heads of messages, and what is left of the quarter of a second before.
+    EXPECT_LE(world.bytes_of_owner() - bytes, 1.5 * options.bytes_per_s);
   }
 }
 
