@@ -14,6 +14,8 @@ constexpr size_t kMaxLayers = 256;
 constexpr size_t kMaxRefused = 16;
 // An owner that has said nothing for so long is gone.
 constexpr double kMaxSilence_s = 3.5;
+// A layer of a name that another one has taken is forgotten after that.
+constexpr double kForgetAfter_s = 10;
 
 }  // namespace
 
@@ -66,7 +68,12 @@ LayerFollower* MapFollower::Find(const layer_epoch_t& layer) {
 
 // A layer begins to exist with its digest, which says how to read it.
 void MapFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point now) {
-  const LayerId id = FromMessage(digest.layer).id;
+  const LayerLife life = FromMessage(digest.layer);
+  if (life.epoch.incarnation > LayerEpoch::kMaxIncarnation) {
+    ++malformed_;
+    return;
+  }
+  const LayerId& id = life.id;
   const std::vector<std::string>& names = options_.names;
   if (!names.empty() && std::find(names.begin(), names.end(), id.name) == names.end()) return;
   if (digest.protocol_version != kProtocolVersion) {
@@ -98,11 +105,13 @@ void MapFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point now
 }
 
 void MapFollower::ForgetReplaced(const LayerId& speaker, Clock::time_point now) {
-  std::erase_if(layers_, [&](const auto& entry) {
+  if (!layers_.at(speaker).in_sync()) return;
+  const size_t forgotten = std::erase_if(layers_, [&](const auto& entry) {
     const auto& [id, layer] = entry;
     const std::chrono::duration<double> silence = now - layer.last_heard();
-    return id.name == speaker.name && id != speaker && silence.count() > kMaxSilence_s;
+    return id.name == speaker.name && id != speaker && silence.count() > kForgetAfter_s;
   });
+  if (forgotten > 0) merged_ = MergedTiles();
 }
 
 void MapFollower::Refuse(const std::string& name) {

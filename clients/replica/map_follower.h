@@ -43,8 +43,9 @@ struct FollowedLayer {
 };
 
 // A copy of the map that daemons publish, made of their messages alone, from a bus or a log. The
-// layer of an owner that is silent stays, until a daemon of the same name speaks for another one: a
-// robot that began a new map. Without threads and sockets of its own. Thread-compatible.
+// layer of an owner that is silent stays; after 10 s it is forgotten if another one of the same
+// name is in sync: a robot that began a new map. Without threads and sockets of its own.
+// Thread-compatible.
 class MapFollower {
  public:
   // `seed`: see LayerFollower.

@@ -24,10 +24,10 @@ std::string Staleness(double staleness_ms) {
 }  // namespace
 
 std::string StatusLine(const status_t& status) {
-  std::string line = fmt::format("{}: {} of {} scans mapped, {} poses; {} waiting; {} tiles",
-                                 absl::Utf8SafeCHexEscape(status.name), status.scans_mapped,
-                                 status.scans_received, status.poses_received,
-                                 status.messages_queued + status.scans_queued, status.tiles);
+  std::string line = fmt::format(
+      "{}: {} of {} scans mapped, {} poses; {} waiting; {} tiles",
+      absl::Utf8SafeCHexEscape(status.name), status.scans_mapped, status.scans_received,
+      status.poses_received, int64_t{status.messages_queued} + status.scans_queued, status.tiles);
   if (status.scan_time_mean_ms > 0) {
     line += fmt::format("; {:.3f} ms a scan", status.scan_time_mean_ms);
   }
@@ -43,9 +43,10 @@ void LiveView::TakeStatus(const status_t& status) {
   if (!daemons_.contains(status.nonce) && daemons_.size() >= kMaxDaemons) return;
   Daemon& daemon = daemons_[status.nonce];
   const double passed_s = status.uptime_s - daemon.status.uptime_s;
-  const int64_t scans = status.scans_mapped - daemon.status.scans_mapped;
+  const double scans =
+      static_cast<double>(status.scans_mapped) - static_cast<double>(daemon.status.scans_mapped);
   const bool goes_on = daemon.heard != Clock::time_point() && passed_s > 0 && scans >= 0;
-  daemon.scans_per_s = goes_on ? static_cast<double>(scans) / passed_s : 0;
+  daemon.scans_per_s = goes_on ? scans / passed_s : 0;
   daemon.status = status;
   daemon.heard = Clock::now();
 }

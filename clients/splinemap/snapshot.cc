@@ -28,7 +28,7 @@ struct Flags {
 std::string Name(const FollowedLayer& layer) { return absl::Utf8SafeCHexEscape(layer.id.name); }
 
 // Every daemon says once a second what it has; in this time nearly always all of them are heard.
-constexpr std::chrono::milliseconds kHearAll(2500);
+constexpr std::chrono::duration<double> kHearAll(2.5);
 
 absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
   const auto begin = Clock::now();
@@ -44,7 +44,8 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
           return std::any_of(layers.begin(), layers.end(),
                              [&](const FollowedLayer& l) { return l.id.name == name; });
         });
-    if (!layers.empty() && all_in_sync && all_heard && Clock::now() - begin > kHearAll) {
+    if (!layers.empty() && all_in_sync && all_heard &&
+        Clock::now() - begin > std::min(kHearAll, timeout / 2)) {
       return absl::OkStatus();
     }
   }
@@ -55,6 +56,14 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
   for (const FollowedLayer& layer : replica.Layers()) {
     if (!layer.in_sync || !layer.is_equal)
       missing += fmt::format("; {} has {} tiles so far", Name(layer), layer.tiles);
+  }
+  for (const std::string& name : flags.follow.names) {
+    const auto layers = replica.Layers();
+    if (!layers.empty() && std::none_of(layers.begin(), layers.end(), [&](const FollowedLayer& l) {
+          return l.id.name == name;
+        })) {
+      missing += fmt::format("; {} is not heard", absl::Utf8SafeCHexEscape(name));
+    }
   }
   if (missing.empty()) {
     return Unavailable("heard no map on {}_DIGESTS for {:g} s; does splinemapd run on this bus?",
@@ -90,7 +99,8 @@ absl::StatusOr<int> TakeFromLog(const Flags& flags) {
         flags.log,
         [&](const LogEvent& event) {
           if (std::find(channels.begin(), channels.end(), event.channel) == channels.end()) return;
-          now = Clock::time_point(event.utime);
+          constexpr Utime kMax(int64_t{1} << 52);  // in 140 years; files may say anything
+          now = Clock::time_point(std::clamp(event.utime, Utime(0), kMax));
           follower.HandleMessage(event.message, now);
         },
         [&](double share) { bar.Show(share); });

@@ -18,6 +18,9 @@ struct LayerId {
 
 // One life of a layer's owner. A greater epoch replaces the layer as a whole.
 struct LayerEpoch {
+  // What a start may count from; map files take twice as much, so that there is room to go on.
+  static constexpr uint64_t kMaxIncarnation = uint64_t{1} << 61;
+
   uint64_t incarnation = 0;  // counts starts
   uint64_t nonce = 0;        // random per start, tells two owners of one incarnation apart
   auto operator<=>(const LayerEpoch&) const = default;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "absl/container/flat_hash_set.h"
 #include "lib/map/coarser_tile.h"
 
 namespace splinemap {
@@ -24,7 +25,8 @@ bool LevelsOfDetail::Advance(const LayerSnapshot& layer, size_t max_tiles) {
     const Trees finer = Finer(level_at_work_);
     while (!level.waiting.empty()) {
       if (max_tiles-- == 0) return false;
-      Make(level, finer, level.waiting.extract(level.waiting.begin()).value());
+      Make(level, finer, level.waiting.back());
+      level.waiting.pop_back();
     }
     if (++level_at_work_ == levels_.size()) break;
     FindChanges(level_at_work_);
@@ -54,6 +56,7 @@ LevelsOfDetail::Trees LevelsOfDetail::Finer(size_t level) {
 void LevelsOfDetail::FindChanges(size_t level) {
   Level& coarser = levels_[level];
   uint64_t up_to = coarser.up_to;
+  absl::flat_hash_set<TileKey> changed;
   const auto find = [&](const TileTree& finer) {
     finer.ForEachChanged(coarser.up_to, [&](TileKey key, const TileTree::Entry&) {
       // Of an even one the neighbour before, of an odd one that after it.
@@ -61,7 +64,7 @@ void LevelsOfDetail::FindChanges(size_t level) {
       const int32_t beside_x = parent.tx + ((key.tx & 1) != 0 ? 1 : -1);
       const int32_t beside_y = parent.ty + ((key.ty & 1) != 0 ? 1 : -1);
       for (const int32_t ty : {parent.ty, beside_y}) {
-        for (const int32_t tx : {parent.tx, beside_x}) coarser.waiting.insert({tx, ty});
+        for (const int32_t tx : {parent.tx, beside_x}) changed.insert({tx, ty});
       }
     });
     up_to = std::max(up_to, finer.epoch());
@@ -72,6 +75,7 @@ void LevelsOfDetail::FindChanges(size_t level) {
     for (TileTreeEditor& band : levels_[level - 1].tiles) find(band.Freeze());
   }
   coarser.up_to = up_to;
+  coarser.waiting.assign(changed.begin(), changed.end());
 }
 
 void LevelsOfDetail::Make(Level& level, const Trees& finer, TileKey key) {

@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <vector>
 
-#include "absl/container/flat_hash_set.h"
 #include "lib/map/detail.h"
 #include "lib/map/layer.h"
 #include "lib/map/tile_tree.h"
@@ -26,6 +25,10 @@ class LevelsOfDetail {
   // yet: at most `max_tiles` of each band. True where that made a new state.
   bool Advance(const LayerSnapshot& layer, size_t max_tiles);
 
+  // Whether `layer` is not what was done last.
+  bool IsAtWork(const LayerSnapshot& layer) const {
+    return !is_done_ || done_.revision != layer.revision;
+  }
   // Whether a state was ever done.
   bool HasLayers() const { return is_done_; }
   // The last state that was done. Requires a level of 1 .. num_levels, and HasLayers().
@@ -36,8 +39,8 @@ class LevelsOfDetail {
   struct Level {
     std::array<TileTreeEditor, kNumBands> tiles;
     Trees done;
-    uint64_t up_to = 0;                    // epoch of the trees of the finer level
-    absl::flat_hash_set<TileKey> waiting;  // keys of this level
+    uint64_t up_to = 0;            // epoch of the trees of the finer level
+    std::vector<TileKey> waiting;  // keys of this level
   };
 
   Trees Finer(size_t level);

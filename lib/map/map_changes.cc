@@ -6,7 +6,8 @@ namespace splinemap {
 namespace {
 
 bool IsGoneOn(const LayerSnapshot& before, const LayerSnapshot& after) {
-  return before.id == after.id && before.epoch == after.epoch;
+  return before.id == after.id && before.epoch == after.epoch &&
+         before.tiles.size() <= after.tiles.size();  // within an epoch tiles do not vanish
 }
 
 }  // namespace

@@ -1,39 +1,43 @@
 #include "lib/replication/identity_watch.h"
 
-#include <algorithm>
-#include <limits>
-
 namespace splinemap {
 namespace {
 
 // In this time an owner that is there is heard.
 constexpr std::chrono::milliseconds kMaxSilence(3000);
 
+bool IsLater(const LayerLife& heard, const LayerLife& own) {
+  return heard.id == own.id && heard.epoch > own.epoch;
+}
+
 }  // namespace
 
 void IdentityWatch::TakeDigest(const LayerLife& heard, const LayerLife& own) {
-  if (heard.id != own.id || heard.epoch <= own.epoch) return;
-  other_owner_ = std::max(other_owner_.value_or(heard.epoch), heard.epoch);
+  if (IsLater(heard, own)) Remember(other_owner_, heard);
 }
 
 void IdentityWatch::TakePull(const LayerLife& heard, const LayerLife& own, Clock::time_point now) {
-  if (heard.id != own.id || heard.epoch <= own.epoch) return;
+  if (!IsLater(heard, own)) return;
   if (!asked_for_) since_ = now;
-  asked_for_ = std::max(asked_for_.value_or(heard.epoch), heard.epoch);
+  Remember(asked_for_, heard);
+}
+
+void IdentityWatch::Remember(std::optional<LayerLife>& greatest, const LayerLife& heard) {
+  if (!greatest || greatest->id != heard.id || greatest->epoch < heard.epoch) greatest = heard;
 }
 
 std::optional<IdentityWatch::NextLife> IdentityWatch::Next(const LayerLife& own,
                                                            Clock::time_point now, uint64_t random) {
-  // Both are of before the life that is there now.
-  if (other_owner_ && *other_owner_ <= own.epoch) other_owner_.reset();
-  if (asked_for_ && *asked_for_ <= own.epoch) asked_for_.reset();
-
+  // What was heard of before the life that is there now.
+  for (std::optional<LayerLife>* heard : {&other_owner_, &asked_for_}) {
+    if (*heard && !IsLater(**heard, own)) heard->reset();
+  }
   const bool is_older_copy = asked_for_ && now - since_ >= kMaxSilence;
   if (!other_owner_ && !is_older_copy) return std::nullopt;
   NextLife next{own, false};
   next.life.epoch.nonce = random;
-  const uint64_t heard = asked_for_ ? asked_for_->incarnation : 0;
-  if (other_owner_ || heard == std::numeric_limits<uint64_t>::max()) {
+  const uint64_t heard = asked_for_ ? asked_for_->epoch.incarnation : 0;
+  if (other_owner_ || heard >= LayerEpoch::kMaxIncarnation) {
     next.is_other_layer = true;
     next.life.id.origin = random;
     next.life.epoch.incarnation = 1;

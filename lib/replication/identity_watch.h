@@ -27,9 +27,12 @@ class IdentityWatch {
   std::optional<NextLife> Next(const LayerLife& own, Clock::time_point now, uint64_t random);
 
  private:
-  std::optional<LayerEpoch> other_owner_;  // greatest
-  std::optional<LayerEpoch> asked_for_;    // greatest
-  Clock::time_point since_;                // of asked_for_
+  static void Remember(std::optional<LayerLife>& greatest, const LayerLife& heard);
+
+  // The greatest that was heard, of the layer that was one's own then.
+  std::optional<LayerLife> other_owner_;
+  std::optional<LayerLife> asked_for_;
+  Clock::time_point since_;  // of asked_for_
 };
 
 }  // namespace splinemap

@@ -12,11 +12,13 @@ using std::chrono::milliseconds;
 // followers that lack the same one asks first.
 constexpr milliseconds kMaxBackOff(100);
 constexpr milliseconds kRetry(300);
-constexpr int kMaxDoublings = 1;         // at a loss of 30 %, half of what is asked is not answered
-constexpr size_t kMaxWanted = 20'000;    // what is beyond is found again by the next digest
+constexpr int kMaxDoublings = 1;  // at a loss of 30 %, half of what is asked is not answered
+constexpr size_t kMaxWanted = 20'000;
 constexpr size_t kMaxAskedAtOnce = 256;  // tiles and nodes that are asked for and not there yet
 constexpr size_t kNodesPerPull = 100;    // so that a pull is one frame
 constexpr int kMaxAsks = 32;             // then it is no more believed to exist
+// Who hears others ask for the same this often without an answer, asks as well.
+constexpr int kMaxPostponed = 10;
 // An owner that says nothing for so long is gone. Who begins again in a lesser life then, because
 // its file is an older copy, is told that there was a later one.
 constexpr milliseconds kMaxSilence(3000);
@@ -24,11 +26,11 @@ constexpr milliseconds kObjection(1000);
 // How often owners have to be told that a coarser level is still wanted.
 constexpr milliseconds kRenewal(5000);
 
-// Whether a digest is older than one that came before it, or the same. Of one revision the time
-// stamps tell; but the owner's clock may be set back, which is by more than a message is late.
+// Whether a digest is older than one that came before it, or the same. Of one state the time stamps
+// tell; but the owner's clock may be set back, which is by more than a message is late.
 bool WasOvertaken(const layer_digest_t& digest, const layer_digest_t& last) {
   constexpr int64_t kMaxLate_us = 5'000'000;
-  if (digest.revision != last.revision) return digest.revision < last.revision;
+  if (digest.state != last.state) return digest.state < last.state;
   return digest.utime <= last.utime && digest.utime > last.utime - kMaxLate_us;
 }
 
@@ -62,7 +64,7 @@ void LayerFollower::BeginLife(LayerEpoch epoch) {
   newest_revision_ = 0;
   wanted_.clear();
   check_.reset();
-  checked_hash_ = 0;
+  checked_hash_.reset();
   checked_nodes_.clear();
   next_renewal_.reset();
   is_equal_ = false;
@@ -102,7 +104,7 @@ void LayerFollower::BeginCheck(Clock::time_point now) {
   const int root_level = std::clamp<int>(digest_->root_level, 1, HashIndex::kMaxLevel);
   for (const int32_t y : {-1, 0}) {
     for (const int32_t x : {-1, 0}) {
-      if (!IsOutside({root_level, x, y})) Want({root_level, x, y}, now);
+      if (!IsOutside({root_level, x, y})) Want({root_level, x, y}, 0, now);
     }
   }
 }
@@ -121,14 +123,15 @@ void LayerFollower::LookForMatch(Clock::time_point now) {
     done = Check{*digest_, now};
   } else if (check_ && wanted_.empty()) {
     done = check_;
-    is_equal_ = part_.box.has_value();
+    is_equal_ = part_.box && done->digest.hash == digest_->hash;
   }
   if (!done) return;
   check_.reset();
   wanted_.clear();
   in_sync_ = true;
   last_match_ = done->begin;
-  checked_hash_ = static_cast<uint64_t>(done->digest.hash);
+  lag_s_ = done->digest.lag_s;
+  if (done->is_undisturbed) checked_hash_ = static_cast<uint64_t>(done->digest.hash);
   revision_ = static_cast<uint64_t>(done->digest.revision);
   newest_revision_ = std::max(newest_revision_, revision_);
   if (is_equal_) whole_ = OwnSnapshot();
@@ -157,7 +160,7 @@ void LayerFollower::Apply(const tile_update_t& message) {
     ++counts_.stale;
     return;
   }
-  if (tiles_.tree().size() >= part_.max_tiles && tiles_.tree().Find(update.key) == nullptr) {
+  if (IsFull() && tiles_.tree().Find(update.key) == nullptr) {
     ++counts_.unusable;
     return;
   }
@@ -183,18 +186,26 @@ void LayerFollower::Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t
   tiles_.Put(key, std::move(tile), revision);
   index_.Set(key, checksum);
   newest_revision_ = std::max(newest_revision_, revision);
-  wanted_.erase({0, key.tx, key.ty});
+  const auto wanted = wanted_.find({0, key.tx, key.ty});
+  if (wanted != wanted_.end() && wanted->second.revision <= revision) wanted_.erase(wanted);
+  if (!part_.box) return;
+  checked_hash_.reset();
+  if (check_) check_->is_undisturbed = false;
+  NodeKey node{0, key.tx, key.ty};
+  while (node.level < HashIndex::kMaxLevel) checked_nodes_.erase(node = node.Parent());
 }
 
 void LayerFollower::TakeListing(const layer_listing_t& listing, Clock::time_point now) {
   if (!Admit(listing.layer) || (in_sync_ && !check_)) return;
+  if (check_ && listing.state < check_->digest.state) return;  // of before the digest
   for (const node_listing_t& node : listing.nodes) TakeNode(node, now);
 }
 
 void LayerFollower::TakeNode(const node_listing_t& listing, Clock::time_point now) {
   const NodeKey node{listing.level, listing.x, listing.y};
   if (node.level < 1 || !node.IsValid()) return;
-  const bool was_wanted = wanted_.erase(node) > 0;
+  // Others ask, too; to take up what they are told would leave no moment in which nothing is wanted.
+  if (wanted_.erase(node) == 0) return;
   bool is_equal = true;
   uint64_t hash = 0;
   for (int n = 0; n < listing.num_children; ++n) {
@@ -203,7 +214,7 @@ void LayerFollower::TakeNode(const node_listing_t& listing, Clock::time_point no
     is_equal &= TakeChild(node.Child(listing.children[n] & 63), child_hash,
                           static_cast<uint64_t>(listing.revisions[n]), now);
   }
-  if (was_wanted && is_equal && !IsWhole(node)) checked_nodes_[node] = hash;
+  if (is_equal && !IsWhole(node)) checked_nodes_[node] = hash;
 }
 
 bool LayerFollower::TakeChild(const NodeKey& child, uint64_t hash, uint64_t revision,
@@ -217,19 +228,23 @@ bool LayerFollower::TakeChild(const NodeKey& child, uint64_t hash, uint64_t revi
     return true;
   }
   if (child.level > 0) {
-    Want(child, now);
+    Want(child, 0, now);
     return false;
   }
   const TileKey key{child.x, child.y};
   if (!IsInRange(key) || tiles_.tree().RevisionOf(key) >= revision) return false;
+  in_sync_ = false;
+  if (IsFull() && tiles_.tree().Find(key) == nullptr) {
+    GiveUpCheck();
+    return false;
+  }
   if (previous_ && previous_index_.HashOf(child) == hash) {
     if (std::shared_ptr<const Tile> equal = previous_->tiles.Share(key)) {
       Keep(key, std::move(equal), revision, hash);
       return true;
     }
   }
-  in_sync_ = false;
-  Want(child, now);
+  Want(child, revision, now);
   return false;
 }
 
@@ -258,13 +273,25 @@ void LayerFollower::TakePull(const layer_pull_t& pull, Clock::time_point now) {
   for (int n = 0; n < pull.num_nodes; ++n) {
     const auto wanted = wanted_.find({pull.levels[n], pull.xs[n], pull.ys[n]});
     if (wanted == wanted_.end()) continue;
+    if (++wanted->second.times_postponed > kMaxPostponed) continue;
     wanted->second.due = std::max(wanted->second.due, now + kRetry + Random(kMaxBackOff));
   }
 }
 
-void LayerFollower::Want(const NodeKey& node, Clock::time_point now) {
-  if (wanted_.size() >= kMaxWanted) return;
-  wanted_.try_emplace(node, Wanted{now + Random(kMaxBackOff)});
+void LayerFollower::Want(const NodeKey& node, uint64_t revision, Clock::time_point now) {
+  if (wanted_.size() >= kMaxWanted) {
+    GiveUpCheck();  // what is left out now, a later digest finds
+    return;
+  }
+  Wanted wanted;
+  wanted.due = now + Random(kMaxBackOff);
+  const auto [known, is_new] = wanted_.try_emplace(node, wanted);
+  known->second.revision = std::max(known->second.revision, revision);
+}
+
+void LayerFollower::GiveUpCheck() {
+  check_.reset();
+  in_sync_ = false;
 }
 
 std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
@@ -273,10 +300,7 @@ std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
   const size_t given_up = absl::erase_if(wanted_, [&](const auto& wanted) {
     return wanted.second.times_asked >= kMaxAsks && wanted.second.due <= now;
   });
-  if (given_up > 0 && check_) {
-    check_.reset();
-    in_sync_ = false;
-  }
+  if (given_up > 0) GiveUpCheck();
   size_t asked = 0;
   for (const auto& [node, wanted] : wanted_) {
     asked += wanted.times_asked > 0 && wanted.due > now ? 1 : 0;

@@ -67,12 +67,12 @@ class LayerFollower {
   // beside it at most.
   bool is_equal() const { return is_equal_; }
 
-  // Of the owner, at the last digest: how long its oldest change has waited to be published.
-  double lag_s() const { return digest_ ? digest_->lag_s : 0; }
-
-  // Whether all that the last digest told of is there: it matched, or what differed was compared
-  // with the owner's and is the owner's or newer. And when that was so for the last time.
+  // Whether all that a digest told of is there, and no later digest has shown that something is
+  // missing: it matched, or what differed was compared with the owner's and is the owner's or
+  // newer. When the last such digest came, and how long the owner's oldest change had waited to be
+  // published then.
   bool in_sync() const { return in_sync_; }
+  double lag_s() const { return lag_s_; }
   std::optional<Clock::time_point> last_match() const { return last_match_; }
 
   // A digest of its present life.
@@ -91,7 +91,9 @@ class LayerFollower {
  private:
   struct Wanted {
     Clock::time_point due;
+    uint64_t revision = 0;  // of a tile: that one or a newer
     int times_asked = 0;
+    int times_postponed = 0;
   };
 
   // False where the message is none of this layer's present life. Lives begin with a digest.
@@ -99,9 +101,11 @@ class LayerFollower {
   void BeginLife(LayerEpoch epoch);
   void Apply(const tile_update_t& message);
   const Tile* FindBase(const TileUpdate& update) const;
+  bool IsFull() const { return tiles_.tree().size() >= part_.max_tiles; }
   void Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision, uint64_t checksum);
   void TakeNode(const node_listing_t& listing, Clock::time_point now);
-  void Want(const NodeKey& node, Clock::time_point now);
+  void Want(const NodeKey& node, uint64_t revision, Clock::time_point now);
+  void GiveUpCheck();
   // Whether what is there is equal; if not, it is asked for.
   bool TakeChild(const NodeKey& child, uint64_t hash, uint64_t revision, Clock::time_point now);
   bool IsWhole(const NodeKey& node) const;    // all of it is in the part
@@ -134,17 +138,19 @@ class LayerFollower {
   struct Check {
     layer_digest_t digest;
     Clock::time_point begin;
+    bool is_undisturbed = true;  // no tile has changed since
   };
   std::optional<Check> check_;
-  // Of a part: the hash of the last digest that matched, and of nodes that lie partly in it the
-  // hash at which what is in it matched.
-  uint64_t checked_hash_ = 0;
+  // Of a part, for as long as no tile changes: the hash of the last digest that matched, and of
+  // nodes that lie partly in it the hash at which what is in it matched.
+  std::optional<uint64_t> checked_hash_;
   absl::flat_hash_map<NodeKey, uint64_t> checked_nodes_;
   std::optional<Clock::time_point> next_renewal_;
   Clock::time_point last_heard_;                     // a digest of this life
   std::optional<Clock::time_point> next_objection_;  // to a lesser life
   bool is_equal_ = false;
   bool in_sync_ = false;
+  double lag_s_ = 0;  // at last_match_
   std::optional<Clock::time_point> last_match_;
   Counts counts_;
 };

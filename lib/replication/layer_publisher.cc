@@ -65,6 +65,7 @@ LayerPublisher::LayerPublisher(LayerLife life, const LayerSnapshot& layer,
       map_options_(map_options),
       options_(options),
       layer_(layer),
+      state_(layer.revision),
       published_(layer.tiles) {
   layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
     index_.Set(key, TileChecksum(key, *entry.tile));
@@ -82,6 +83,8 @@ void LayerPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point now)
     }
   });
   layer_ = layer;
+  // Levels that were given up and made again count on.
+  if (!Pushes()) state_ = layer.revision;
 }
 
 void LayerPublisher::TakePull(const layer_pull_t& pull) {
@@ -126,6 +129,7 @@ void LayerPublisher::Digest(std::vector<PublishedMessage>& messages, Clock::time
 void LayerPublisher::Answer(ByteBudget& budget, std::vector<PublishedMessage>& messages) {
   layer_listing_t listing;
   listing.layer = splinemap::ToMessage(life_);
+  listing.state = static_cast<int64_t>(state_);
   listing.num_nodes = 0;
   const auto send = [&] {
     if (listing.nodes.empty()) return;
@@ -202,6 +206,7 @@ TileUpdate LayerPublisher::Publish(TileKey key, bool as_difference) {
     TileUpdate difference = MakeTileDifference(key, *tile, revision, *base);
     if (difference.content.size() < update.content.size()) update = std::move(difference);
   }
+  if (published_.tree().Find(key) != tile.get()) ++state_;
   published_.Put(key, std::move(tile), revision);
   index_.Set(key, update.checksum);
   return update;
@@ -218,13 +223,14 @@ layer_digest_t LayerPublisher::MakeDigest(Clock::time_point now) {
   digest.knot_interval_m = map_options_.knot_interval_m;  // at level 0
   digest.min_control_point = map_options_.limits.min;
   digest.max_control_point = map_options_.limits.max;
+  digest.state = static_cast<int64_t>(state_);
   digest.revision =
       static_cast<int64_t>(changes_.empty() ? layer_.revision : changes_.front().after_revision);
   digest.num_tiles = static_cast<int64_t>(index_.num_tiles());
   digest.hash = static_cast<int64_t>(index_.hash());
   digest.root_level = index_.root_level();
-  digest.lag_s =
-      changes_.empty() ? 0 : std::chrono::duration<double>(now - changes_.front().since).count();
+  const auto behind_since = changes_.empty() ? behind_since_ : changes_.front().since;
+  digest.lag_s = behind_since ? std::chrono::duration<double>(now - *behind_since).count() : 0;
   return digest;
 }
 

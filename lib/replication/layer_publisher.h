@@ -43,6 +43,9 @@ class LayerPublisher {
   // The layer's newest state; what changed since the last one waits to be pushed.
   void SetLayer(const LayerSnapshot& layer, Clock::time_point now);
 
+  // Of a coarser level: since when there are changes that are not in it yet.
+  void SetBehind(std::optional<Clock::time_point> since) { behind_since_ = since; }
+
   // Requires a pull of this life and this level.
   void TakePull(const layer_pull_t& pull);
 
@@ -77,6 +80,8 @@ class LayerPublisher {
   const PublisherOptions options_;
 
   LayerSnapshot layer_;
+  uint64_t state_;  // counts on with everything that is published
+  std::optional<Clock::time_point> behind_since_;
   TileTreeEditor published_;
   HashIndex index_;                        // of published_
   TileTree at_digest_;                     // published_ when the last digest was sent

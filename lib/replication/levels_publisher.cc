@@ -68,6 +68,8 @@ void LevelsPublisher::WorkOnLevels(Clock::time_point now) {
   if (wanted == 0 || wanted > levels_.num_levels()) levels_ = LevelsOfDetail(wanted);
   if (wanted == 0) return;
   const bool is_new = levels_.Advance(layer_, kTilesPerTick);
+  if (is_new) behind_since_.reset();
+  if (!behind_since_ && levels_.IsAtWork(layer_)) behind_since_ = now;
   if (!levels_.HasLayers()) return;
   for (auto& [detail, asked] : asked_) {
     if (!asked.publisher) {
@@ -76,6 +78,7 @@ void LevelsPublisher::WorkOnLevels(Clock::time_point now) {
     } else if (is_new) {
       asked.publisher->SetLayer(levels_.Layer(detail), now);
     }
+    asked.publisher->SetBehind(behind_since_);
   }
 }
 

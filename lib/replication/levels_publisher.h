@@ -50,6 +50,7 @@ class LevelsPublisher {
   ByteBudget budget_;
   LayerPublisher as_mapped_;
   LevelsOfDetail levels_{0};
+  std::optional<Clock::time_point> behind_since_;  // of levels_
   std::map<Detail, Asked, std::greater<>> asked_;  // the coarsest first
   int64_t foreign_pulls_ = 0;
 };

@@ -111,6 +111,10 @@ void Daemon::LookAtDigest(absl::Span<const uint8_t> message) {
   const LayerLife heard = FromMessage(digest->layer);
   const LayerLife own = OwnLife();
   if (heard.id != own.id || heard.epoch == own.epoch) return;
+  {
+    MutexLock lock(mutex_);
+    if (heard == former_life_) return;
+  }
   if (heard.epoch < own.epoch) {
     Find(Symptom::kSharedIdentity, "earlier",
          fmt::format("an earlier start of {} is on the bus: a replayed log, or a splinemapd with a "
@@ -167,6 +171,10 @@ absl::Status Daemon::BeginLife(const LayerLife& life) {
   map.layers[own_layer_].id = life.id;
   map.layers[own_layer_].epoch = life.epoch;
   SPLINEMAP_RETURN_IF_ERROR(file_.Save(map));
+  {
+    MutexLock state_lock(mutex_);
+    former_life_ = {state_.map->layers[own_layer_].id, state_.map->layers[own_layer_].epoch, {}};
+  }
   map_->layer(own_layer_).BeginLife(life.id, life.epoch);
   ShowState();
   return absl::OkStatus();

@@ -123,6 +123,7 @@ class Daemon {
   State state_ ABSL_GUARDED_BY(mutex_);
   NoticeLimiter limiter_ ABSL_GUARDED_BY(mutex_);
   IdentityWatch identity_ ABSL_GUARDED_BY(mutex_);
+  LayerLife former_life_ ABSL_GUARDED_BY(mutex_);  // whose last messages are still under way
 
   std::unique_ptr<LayerServer> server_;
   std::jthread saving_;

@@ -76,7 +76,7 @@ TEST(MapFollowerTest, ANewMapOfARobotReplacesTheOneBefore) {
   before.SpeakTo(follower, kBegin);
   after.SpeakTo(follower, kBegin + milliseconds(1000));  // the other may still be there
   EXPECT_EQ(follower.Snapshot()->layers.size(), 2u);
-  after.SpeakTo(follower, kBegin + milliseconds(5000));
+  after.SpeakTo(follower, kBegin + milliseconds(12'000));
   const auto map = follower.Snapshot();
   EXPECT_EQ(map->layers.size(), 1u);
   EXPECT_EQ(map->merged.Find({0, 0}), nullptr);

@@ -138,6 +138,18 @@ class World {
     }
   }
 
+  void SetTile(TileKey key, ControlPoint value) {
+    layer_->BeginCommit();
+    layer_->EditTile(key).control_points.fill(value);
+  }
+  // Tiles of [0, side) x [0, side), all different.
+  void Fill(int32_t side) {
+    layer_->BeginCommit();
+    for (int32_t n = 0; n < side * side; ++n) {
+      layer_->EditTile({n % side, n / side})
+          .control_points.fill(static_cast<ControlPoint>(1 + n % 20'000));
+    }
+  }
   // Touches all tiles and changes none.
   void CommitAgain() {
     const TileTree tiles = layer_->Snapshot().tiles;
@@ -198,6 +210,7 @@ class World {
   // In the last step.
   bool DigestWasSent() const { return digest_was_sent_; }
 
+  const layer_digest_t& last_digest() const { return last_digest_; }
   int64_t bytes_sent() const { return bytes_sent_; }
   int64_t bytes_of_owner() const { return bytes_of_owner_; }
   int64_t tiles_sent() const { return tiles_sent_; }
@@ -219,6 +232,7 @@ class World {
   }
   void Broadcast(const layer_digest_t& digest) {
     digest_was_sent_ = true;
+    if (FromMessage(digest.layer).detail == Detail()) last_digest_ = digest;
     ToFollowers(digest, [digest](LayerFollower& f, auto now) { f.TakeDigest(digest, now); });
   }
   void Broadcast(const layer_listing_t& listing) {
@@ -262,6 +276,7 @@ class World {
   std::vector<LayerFollower::Part> parts_;
   std::vector<std::shared_ptr<LayerFollower>> followers_;
   bool digest_was_sent_ = false;
+  layer_digest_t last_digest_;
   int64_t bytes_sent_ = 0;
   int64_t bytes_of_owner_ = 0;
   int64_t tiles_sent_ = 0;
@@ -515,7 +530,7 @@ TEST(IdentityWatchTest, AfterTheLastIncarnationComesAnotherLayer) {
   const LayerLife own{kId, {3, 5}, {}};
   const auto now = Clock::now();
   IdentityWatch watch;
-  watch.TakePull({kId, {UINT64_MAX, 6}, {}}, own, now);
+  watch.TakePull({kId, {LayerEpoch::kMaxIncarnation, 6}, {}}, own, now);
   const auto next = watch.Next(own, now + milliseconds(4000), 42);
   ASSERT_TRUE(next);
   EXPECT_TRUE(next->is_other_layer);
@@ -606,6 +621,7 @@ TEST(ReplicationTest, AnOwnerWhoseClockIsSetBackIsFollowedOn) {
   layer_digest_t digest;
   digest.layer = ToMessage({kId, {1, 1}, {}});
   digest.protocol_version = kProtocolVersion;
+  digest.state = 3;
   digest.revision = 3;
   digest.num_tiles = 0;
   digest.hash = 0;
@@ -670,18 +686,13 @@ TEST(ReplicationTest, NodesThatCannotBeAreNoTrouble) {
   pull.num_nodes = 6;
   world.publisher().TakePull(pull, world.network().now());
   // A digest that does not fit, and a listing of a tile that the owner does not have.
-  layer_digest_t digest;
-  digest.layer = layer;
-  digest.protocol_version = kProtocolVersion;
-  digest.revision = static_cast<int64_t>(world.OwnersLayer().revision);
-  digest.utime = INT64_MAX / 2;
-  digest.num_tiles = 1;
+  layer_digest_t digest = world.last_digest();
+  digest.utime += 1;
   digest.hash = 12345;
-  digest.root_level = 1;
-  digest.lag_s = 0;
   world.follower(0).TakeDigest(digest, world.network().now());
   layer_listing_t listing;
   listing.layer = layer;
+  listing.state = INT64_MAX;
   for (const int32_t level : {1, 0, 9, INT32_MAX}) {
     node_listing_t node;
     node.level = level;
@@ -751,6 +762,99 @@ TEST(ReplicationTest, LossesInAPartAreNoticedAndMended) {
   EXPECT_FALSE(world.AllInSync());
   world.Run(milliseconds(3000));
   EXPECT_TRUE(world.AllInSync());
+}
+
+// A hash that comes back says nothing of tiles that have changed meanwhile.
+TEST(ReplicationTest, APartThatGoesBackToAnOlderStateIsNotTakenForEqual) {
+  World world({}, {}, 21);
+  LayerFollower::Part part;
+  part.box = TileBox{0, 0, 3, 3};
+  world.AddFollower(part);
+  world.SetTile({1, 1}, 5);
+  world.Run(milliseconds(4000));
+  ASSERT_TRUE(world.AllInSync());
+  for (const bool is_digested : {false, true}) {
+    world.SetTile({1, 1}, 6);
+    world.Run(milliseconds(is_digested ? 4000 : 120));
+    world.network().SetCut(true);
+    world.SetTile({1, 1}, 5);
+    world.Run(milliseconds(120));
+    world.network().SetCut(false);
+    world.Run(milliseconds(4000));
+    EXPECT_TRUE(world.AllInSync()) << is_digested;
+  }
+}
+
+// More tiles than it asks for at a time.
+TEST(ReplicationTest, AFollowerOfMuchIsInSyncOnlyWhenAllIsThere) {
+  PublisherOptions options;
+  options.bytes_per_s = 1e8;
+  World world({}, options, 22);
+  world.Fill(210);  // 44,100 tiles
+  const LayerSnapshot file = world.OwnersLayer();
+  world.StartOwner(&file);
+  LayerFollower::Part part;
+  part.box = TileBox{0, 0, 205, 210};
+  world.AddFollower(part);
+  for (int second = 0; second < 300 && !world.follower(0).in_sync(); ++second) {
+    world.Run(milliseconds(1000));
+  }
+  EXPECT_TRUE(world.AllInSync());
+}
+
+TEST(ReplicationTest, AListingOfBeforeTheDigestDoesNotSatisfyIt) {
+  Map map(kMapOptions);
+  Layer& layer = map.AddLayer(kId, {1, 1});
+  layer.BeginCommit();
+  layer.EditTile({0, 0}).control_points[0] = 4;
+  LevelsPublisher publisher(layer.Snapshot(), kMapOptions, {});
+  Clock::time_point now{std::chrono::hours(1)};
+  const auto pull_roots = [&] {
+    layer_pull_t pull;
+    pull.layer = ToMessage({kId, {1, 1}, {}});
+    pull.levels = {1, 1, 1, 1};
+    pull.xs = {-1, 0, -1, 0};
+    pull.ys = {-1, -1, 0, 0};
+    pull.num_nodes = 4;
+    publisher.TakePull(pull, now);
+    return publisher.Tick(now += milliseconds(20));
+  };
+  LayerFollower::Part part;
+  part.box = TileBox{0, 0, 1, 1};
+  LayerFollower follower(kId, 1, part);
+  const auto deliver = [&](const std::vector<PublishedMessage>& messages) {
+    for (const PublishedMessage& message : messages) {
+      if (const auto* digest = std::get_if<layer_digest_t>(&message)) {
+        follower.TakeDigest(*digest, now);
+      } else if (const auto* listing = std::get_if<layer_listing_t>(&message)) {
+        follower.TakeListing(*listing, now);
+      } else {
+        follower.TakeUpdates(std::get<layer_updates_t>(message));
+      }
+    }
+  };
+  deliver(publisher.Tick(now));
+  const auto late = pull_roots();  // comes twice
+  deliver(late);
+  layer_pull_t pull;
+  pull.layer = ToMessage({kId, {1, 1}, {}});
+  pull.levels = {0};
+  pull.xs = {0};
+  pull.ys = {0};
+  pull.num_nodes = 1;
+  publisher.TakePull(pull, now);
+  deliver(publisher.Tick(now += milliseconds(20)));  // the tile
+  follower.Tick(now);
+  ASSERT_TRUE(follower.in_sync());
+  layer.BeginCommit();
+  layer.EditTile({0, 0}).control_points[0] = 5;
+  publisher.SetLayer(layer.Snapshot(), now);
+  publisher.Tick(now += milliseconds(200));           // the change, lost
+  deliver(publisher.Tick(now += milliseconds(900)));  // a digest
+  deliver(late);
+  follower.Tick(now += milliseconds(20));
+  EXPECT_LT(follower.last_match(), now - milliseconds(500));  // nothing newer than the first digest
+  EXPECT_FALSE(follower.is_equal());
 }
 
 TEST(ReplicationTest, ACoarseLevelIsFollowedWhileSomebodyWantsIt) {
