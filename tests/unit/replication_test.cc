@@ -12,6 +12,7 @@
 #include <random>
 #include <vector>
 
+#include "absl/strings/escaping.h"
 #include "lib/map/levels_of_detail.h"
 #include "lib/map/map.h"
 #include "lib/map/tile_update.h"
@@ -281,6 +282,38 @@ class World {
   int64_t bytes_of_owner_ = 0;
   int64_t tiles_sent_ = 0;
 };
+
+// The example in bytes of lcmtypes/README.md.
+TEST(ReplicationTest, TheDocumentedUpdateIsRead) {
+  const std::string message = absl::HexStringToBytes(
+      "e2c16869b750453f00000006726f626f740011223344556677880000000000000003"
+      "99aabbccddeeff00000000000001fffffffd00000009000000000000000100000000"
+      "00000000fa6a73deec14c5020000003a28b52ffd60000785010040d8ffe600e600e6"
+      "007da8e0c7f08535111086ff3f3f06fbffdfffffeffffff7fffffbfffffdff7f83ff"
+      "11ac4a553205");
+  layer_updates_t updates;
+  ASSERT_EQ(updates.decode(message.data(), 0, static_cast<int>(message.size())), message.size());
+  layer_digest_t digest;
+  digest.layer = updates.layer;
+  digest.protocol_version = kProtocolVersion;
+  digest.state = 1;
+  digest.revision = 1;
+  digest.num_tiles = 1;
+  digest.hash = static_cast<int64_t>(0xfa6a73deec14c502);
+  digest.root_level = 2;
+  digest.utime = 1;
+  digest.lag_s = 0;
+  LayerFollower follower({"robot", 0x1122334455667788}, 1);
+  follower.TakeDigest(digest, Clock::now());
+  follower.TakeUpdates(updates);
+  follower.Tick(Clock::now());
+  EXPECT_TRUE(follower.is_equal());
+  const Tile* tile = follower.Snapshot().tiles.Find({-3, 9});
+  ASSERT_NE(tile, nullptr);
+  for (int k = 0; k < Tile::kSize; ++k) {
+    ASSERT_EQ(tile->control_points[k], k % Tile::kSide < 16 ? -40 : 230);
+  }
+}
 
 TEST(ReplicationTest, WithoutLossPushesAreEnough) {
   World world({}, {}, 1);
