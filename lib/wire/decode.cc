@@ -114,7 +114,7 @@ bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
     }
     case MessageType::kLayerDigest:
       SkipLayerEpoch(walk);
-      walk.Skip(4 + 8 + 8 + 2 * 4 + 3 * 8 + 4 + 8);
+      walk.Skip(4 + 8 + 8 + 2 * 4 + 4 * 8 + 4 + 8);
       break;
     case MessageType::kLayerUpdates:
       SkipLayerEpoch(walk);
@@ -125,6 +125,7 @@ bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
       break;
     case MessageType::kLayerListing:
       SkipLayerEpoch(walk);
+      walk.Skip(8);  // state
       for (size_t left = walk.Count(); walk.fits() && left > 0; --left) {
         walk.Skip(3 * 4);
         walk.Skip((1 + 8 + 8) * walk.Count());  // children
