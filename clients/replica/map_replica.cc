@@ -46,18 +46,28 @@ void MapReplica::Run(const std::stop_token& stop) {
       is_changed = true;
     });
   }
-  Clock::time_point next_tick = Clock::now();
+  Clock::time_point next_tick;
+  Clock::time_point next_show;
   while (!stop.stop_requested()) {
     bus_->Handle(kTick);
+    // What one commit changed comes in several messages, which are shown together.
+    const Clock::time_point drain_end = Clock::now() + kTick;
+    while (Clock::now() < drain_end && bus_->Handle(milliseconds(0)) == LcmBus::Handled::kMessage) {
+    }
     const Clock::time_point now = Clock::now();
-    if (now < next_tick) continue;
-    next_tick = now + kTick;
     std::vector<layer_pull_t> pulls;
     std::shared_ptr<const MapSnapshot> snapshot;
-    {
+    if (now >= next_tick) {
+      next_tick = now + kTick;
       MutexLock lock(mutex_);
       pulls = follower_.Tick(now);
-      if (std::exchange(is_changed, false)) snapshot = follower_.Snapshot();
+    }
+    // The first change after a pause at once, and many in a row together.
+    if (is_changed && now >= next_show) {
+      next_show = now + kTick;
+      is_changed = false;
+      MutexLock lock(mutex_);
+      snapshot = follower_.Snapshot();
     }
     for (const layer_pull_t& pull : pulls) bus_->Publish(pull_channel, pull);
     if (snapshot) Show(std::move(snapshot));

@@ -105,7 +105,8 @@ void LayerPublisher::Tick(Clock::time_point now, ByteBudget& budget,
   Answer(budget, messages);
   // Before the pushes, since followers know a life by its digest first.
   if (!last_digest_ || now >= *last_digest_ + options_.digest_interval) Digest(messages, now);
-  if (!last_push_ || now >= *last_push_ + options_.push_interval) {
+  // The first change after a pause goes at once.
+  if (HasChanges() && (!last_push_ || now >= *last_push_ + options_.push_interval)) {
     last_push_ = now;
     Push(budget, messages);
   }

@@ -7,7 +7,7 @@
 namespace splinemap {
 namespace {
 
-constexpr std::chrono::milliseconds kTick(10);
+constexpr std::chrono::milliseconds kTick(5);
 // More than that in one tick are asked for again.
 constexpr size_t kMaxPullsWaiting = 1000;
 

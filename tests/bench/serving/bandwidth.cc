@@ -6,7 +6,7 @@
 #include "lib/config/config.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
-#include "lib/replication/layer_publisher.h"
+#include "lib/replication/levels_publisher.h"
 #include "tests/bench/serving/grid_messages.h"
 
 namespace splinemap::bench {
@@ -38,7 +38,7 @@ Figures MeasureBandwidth(const Workload& workload) {
   Layer& layer = map.AddLayer({"bench", 1}, {1, 1});
   BeamModel model(model_options, options.knot_interval_m);
   ScanScratch scratch;
-  LayerPublisher publisher(layer.Snapshot(), options, {});
+  LevelsPublisher publisher(layer.Snapshot(), options, {});
   GridMessages grid(BoundsOf(workload), options);
 
   double published = 0;
