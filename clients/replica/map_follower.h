@@ -51,8 +51,6 @@ class MapFollower {
   // `seed`: see LayerFollower.
   MapFollower(FollowOptions options, uint64_t seed);
 
-  const FollowOptions& options() const { return options_; }
-
   // Those that HandleMessage() wants.
   std::vector<std::string> Channels() const;
   std::string PullChannel() const { return options_.channel_prefix + "_PULLS"; }

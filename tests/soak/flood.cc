@@ -21,6 +21,7 @@
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "lib/wire/lcm_bus.h"
+#include "tests/soak/bus_group.h"
 #include "tests/support/raw_message.h"
 
 namespace splinemap {
@@ -243,16 +244,8 @@ class Source {
 class DatagramSender {
  public:
   static absl::StatusOr<DatagramSender> Open() {
-    const char* const url = std::getenv("LCM_DEFAULT_URL");
-    char address[16] = "";
-    unsigned short port = 0;
-    if (url == nullptr || std::sscanf(url, "udpm://%15[0-9.]:%hu", address, &port) != 2) {
-      return InvalidArgument("LCM_DEFAULT_URL is not udpm://ADDRESS:PORT; use deploy/own_bus.sh");
-    }
     DatagramSender sender;
-    sender.group_.sin_family = AF_INET;
-    sender.group_.sin_port = htons(port);
-    sender.group_.sin_addr.s_addr = inet_addr(address);
+    SPLINEMAP_ASSIGN_OR_RETURN(sender.group_, BusGroup());
     const int ttl = 0;
     setsockopt(sender.fd_, IPPROTO_IP, IP_MULTICAST_TTL, &ttl, sizeof(ttl));
     return sender;

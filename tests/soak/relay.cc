@@ -27,6 +27,7 @@
 
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
+#include "tests/soak/bus_group.h"
 
 namespace splinemap {
 namespace {
@@ -81,16 +82,8 @@ class Side {
  public:
   // In the namespace of the calling thread.
   static absl::StatusOr<Side> Open() {
-    const char* const url = std::getenv("LCM_DEFAULT_URL");
-    char address[16] = "";
-    unsigned short port = 0;
-    if (url == nullptr || std::sscanf(url, "udpm://%15[0-9.]:%hu", address, &port) != 2) {
-      return InvalidArgument("LCM_DEFAULT_URL is not udpm://ADDRESS:PORT; use deploy/own_bus.sh");
-    }
     Side side;
-    side.group_.sin_family = AF_INET;
-    side.group_.sin_port = htons(port);
-    side.group_.sin_addr.s_addr = inet_addr(address);
+    SPLINEMAP_ASSIGN_OR_RETURN(side.group_, BusGroup());
     const int one = 1;
     const int ttl = 0;
     const int buffer = 4 << 20;
@@ -105,7 +98,7 @@ class Side {
         setsockopt(side.in_, IPPROTO_IP, IP_ADD_MEMBERSHIP, &membership, sizeof(membership)) != 0 ||
         bind(side.out_, reinterpret_cast<const sockaddr*>(&own), sizeof(own)) != 0 ||
         getsockname(side.out_, reinterpret_cast<sockaddr*>(&own), &size) != 0) {
-      return Unavailable("cannot join {}: {}", url, std::strerror(errno));
+      return Unavailable("cannot join the group of LCM_DEFAULT_URL: {}", std::strerror(errno));
     }
     side.own_port_ = own.sin_port;
     return side;
