@@ -1,0 +1,108 @@
+#include "lib/query/local_map.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "lib/base/status.h"
+
+namespace splinemap {
+namespace {
+
+uint64_t RevisionOf(const MapSnapshot& map) {
+  uint64_t revision = 0;
+  for (const LayerSnapshot& layer : map.layers) revision += layer.revision;
+  return revision;
+}
+
+int16_t CellOf(const SurfaceSample& sample) {
+  if (!sample.known) return 0;
+  const double units = std::round(sample.log_odds * kUnitsPerLogOdds);
+  constexpr double kMax = std::numeric_limits<int16_t>::max();
+  const auto cell = static_cast<int16_t>(std::clamp(units, -kMax, kMax));
+  return cell == 0 ? int16_t{1} : cell;
+}
+
+// log p(occupied), also where p is too small for a double.
+double LogProbability(double log_odds) {
+  return log_odds > 0 ? -std::log1p(std::exp(-log_odds))
+                      : log_odds - std::log1p(std::exp(log_odds));
+}
+
+}  // namespace
+
+void LocalMap::Show(std::shared_ptr<const MapSnapshot> map) {
+  MutexLock lock(mutex_);
+  map_ = std::move(map);
+}
+
+std::shared_ptr<const MapSnapshot> LocalMap::Snapshot() const {
+  MutexLock lock(mutex_);
+  return map_;
+}
+
+absl::StatusOr<PointsQuery::Answer> LocalMap::Ask(const PointsQuery& query) const {
+  SPLINEMAP_RETURN_IF_ERROR(Check(query));
+  const auto map = Snapshot();
+  PointsQuery::Answer answer;
+  answer.revision = RevisionOf(*map);
+  answer.samples.resize(query.points_m.size());
+  map->EvaluateMany(query.points_m, absl::MakeSpan(answer.samples));
+  if (!query.with_hessians) return answer;
+  answer.hessians_per_m2.reserve(query.points_m.size());
+  for (const Eigen::Vector2d& point_m : query.points_m) {
+    answer.hessians_per_m2.push_back(map->Hessian(point_m.x(), point_m.y()));
+  }
+  return answer;
+}
+
+absl::StatusOr<RaysQuery::Answer> LocalMap::Ask(const RaysQuery&) const {
+  return absl::UnimplementedError("rays");
+}
+
+absl::StatusOr<SweepsQuery::Answer> LocalMap::Ask(const SweepsQuery&) const {
+  return absl::UnimplementedError("sweeps");
+}
+
+absl::StatusOr<RasterQuery::Answer> LocalMap::Ask(const RasterQuery& query) const {
+  SPLINEMAP_RETURN_IF_ERROR(Check(query));
+  const auto map = Snapshot();
+  RasterQuery::Answer answer;
+  answer.revision = RevisionOf(*map);
+  answer.cells.reserve(size_t{1} * query.width * query.height);
+  std::vector<Eigen::Vector2d> centres_m(query.width);
+  std::vector<SurfaceSample> samples(query.width);
+  for (int row = 0; row < query.height; ++row) {
+    for (int column = 0; column < query.width; ++column) {
+      centres_m[column] = query.first_m + query.resolution_m * Eigen::Vector2d(column, row);
+    }
+    map->EvaluateMany(centres_m, absl::MakeSpan(samples));
+    std::transform(samples.begin(), samples.end(), std::back_inserter(answer.cells), CellOf);
+  }
+  return answer;
+}
+
+absl::StatusOr<LikelihoodsQuery::Answer> LocalMap::Ask(const LikelihoodsQuery& query) const {
+  SPLINEMAP_RETURN_IF_ERROR(Check(query));
+  const auto map = Snapshot();
+  LikelihoodsQuery::Answer answer;
+  answer.revision = RevisionOf(*map);
+  answer.log_likelihoods.reserve(query.world_T_robot.size());
+  std::vector<Eigen::Vector2d> hits_m(query.hits_robot_m.size());
+  std::vector<SurfaceSample> samples(query.hits_robot_m.size());
+  for (const Pose2& world_T_robot : query.world_T_robot) {
+    for (size_t k = 0; k < hits_m.size(); ++k) hits_m[k] = world_T_robot * query.hits_robot_m[k];
+    map->EvaluateMany(hits_m, absl::MakeSpan(samples));
+    double sum = 0;
+    for (const SurfaceSample& sample : samples) sum += LogProbability(sample.log_odds);
+    answer.log_likelihoods.push_back(sum);
+  }
+  return answer;
+}
+
+absl::StatusOr<DistancesQuery::Answer> LocalMap::Ask(const DistancesQuery&) const {
+  return absl::UnimplementedError("distances");
+}
+
+}  // namespace splinemap

@@ -1,0 +1,33 @@
+#pragma once
+
+#include <memory>
+
+#include "lib/base/mutex.h"
+#include "lib/map/map.h"
+#include "lib/query/queryable_map.h"
+
+namespace splinemap {
+
+// The map in this process. What queries need beside the map is made when one asks first, and then
+// brought up to date with what changed. Thread-safe.
+class LocalMap : public QueryableMap {
+ public:
+  explicit LocalMap(std::shared_ptr<const MapSnapshot> map) : map_(std::move(map)) {}
+
+  // Later queries are about this map. Fast where it is a later snapshot of the same Map.
+  void Show(std::shared_ptr<const MapSnapshot> map);
+  std::shared_ptr<const MapSnapshot> Snapshot() const;
+
+  absl::StatusOr<PointsQuery::Answer> Ask(const PointsQuery& query) const override;
+  absl::StatusOr<RaysQuery::Answer> Ask(const RaysQuery& query) const override;
+  absl::StatusOr<SweepsQuery::Answer> Ask(const SweepsQuery& query) const override;
+  absl::StatusOr<RasterQuery::Answer> Ask(const RasterQuery& query) const override;
+  absl::StatusOr<LikelihoodsQuery::Answer> Ask(const LikelihoodsQuery& query) const override;
+  absl::StatusOr<DistancesQuery::Answer> Ask(const DistancesQuery& query) const override;
+
+ private:
+  mutable Mutex mutex_;
+  std::shared_ptr<const MapSnapshot> map_ ABSL_GUARDED_BY(mutex_);
+};
+
+}  // namespace splinemap
