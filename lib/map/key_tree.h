@@ -42,12 +42,14 @@ class KeyTree {
 
   // Visits each value once; the order depends on the keys alone.
   void ForEach(Visitor visit) const { ForEachChanged(0, visit); }
-  // As above, for those that were written after an older tree of the same line of edits was
-  // frozen, whose epoch() is `since`.
+  // As above, for those that were written after an older tree of the same line() was frozen, whose
+  // epoch() is `since`.
   void ForEachChanged(uint64_t since, Visitor visit) const;
 
   // Counts freezes in this process: later trees have greater epochs.
   uint64_t epoch() const { return epoch_; }
+  // All trees that one editor has frozen have one line, and no others.
+  uint64_t line() const { return line_; }
 
   size_t size() const { return size_; }
 
@@ -66,6 +68,7 @@ class KeyTree {
   int height_ = 0;  // levels of nodes; the root covers 8^height tiles each way
   size_t size_ = 0;
   uint64_t epoch_ = 0;
+  uint64_t line_ = 0;
 };
 
 // Changes a tree; keys have to be IsInRange(). Writes in place what no frozen tree shares and

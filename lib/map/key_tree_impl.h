@@ -145,6 +145,7 @@ void KeyTree<Value>::Visit(const Node& node, int level, uint32_t x, uint32_t y, 
 template <typename Value>
 KeyTreeEditor<Value>::KeyTreeEditor(Tree base) : tree_(std::move(base)) {
   tree_.epoch_ = key_tree::NextEpoch();
+  tree_.line_ = tree_.epoch_;
 }
 
 template <typename Value>

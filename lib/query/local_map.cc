@@ -6,6 +6,9 @@
 #include <limits>
 
 #include "lib/base/status.h"
+#include "lib/query/footprint.h"
+#include "lib/query/obstacle_search.h"
+#include "lib/query/ray_caster.h"
 
 namespace splinemap {
 namespace {
@@ -42,6 +45,12 @@ std::shared_ptr<const MapSnapshot> LocalMap::Snapshot() const {
   return map_;
 }
 
+LocalMap::BoundedMap LocalMap::Bounded() const {
+  MutexLock lock(mutex_);
+  if (bounded_.map != map_) bounded_ = {map_, bounds_.Update(*map_)};
+  return bounded_;
+}
+
 absl::StatusOr<PointsQuery::Answer> LocalMap::Ask(const PointsQuery& query) const {
   SPLINEMAP_RETURN_IF_ERROR(Check(query));
   const auto map = Snapshot();
@@ -57,12 +66,28 @@ absl::StatusOr<PointsQuery::Answer> LocalMap::Ask(const PointsQuery& query) cons
   return answer;
 }
 
-absl::StatusOr<RaysQuery::Answer> LocalMap::Ask(const RaysQuery&) const {
-  return absl::UnimplementedError("rays");
+absl::StatusOr<RaysQuery::Answer> LocalMap::Ask(const RaysQuery& query) const {
+  SPLINEMAP_RETURN_IF_ERROR(Check(query));
+  const BoundedMap bounded = Bounded();
+  RaysQuery::Answer answer;
+  answer.revision = RevisionOf(*bounded.map);
+  answer.ends.reserve(query.rays.size());
+  RayCaster caster(*bounded.map, bounded.bounds, query.occupied_log_odds, query.unknown);
+  for (const Ray& ray : query.rays) answer.ends.push_back(caster.Cast(ray));
+  return answer;
 }
 
-absl::StatusOr<SweepsQuery::Answer> LocalMap::Ask(const SweepsQuery&) const {
-  return absl::UnimplementedError("sweeps");
+absl::StatusOr<SweepsQuery::Answer> LocalMap::Ask(const SweepsQuery& query) const {
+  SPLINEMAP_RETURN_IF_ERROR(Check(query));
+  const BoundedMap bounded = Bounded();
+  SweepsQuery::Answer answer;
+  answer.revision = RevisionOf(*bounded.map);
+  answer.results.reserve(query.sweeps.size());
+  ObstacleSearch search(*bounded.map, bounded.bounds, query.occupied_log_odds, query.unknown);
+  for (const Sweep& sweep : query.sweeps) {
+    answer.results.push_back(CheckSweep(search, sweep, bounded.map->options.knot_interval_m));
+  }
+  return answer;
 }
 
 absl::StatusOr<RasterQuery::Answer> LocalMap::Ask(const RasterQuery& query) const {
@@ -101,8 +126,18 @@ absl::StatusOr<LikelihoodsQuery::Answer> LocalMap::Ask(const LikelihoodsQuery& q
   return answer;
 }
 
-absl::StatusOr<DistancesQuery::Answer> LocalMap::Ask(const DistancesQuery&) const {
-  return absl::UnimplementedError("distances");
+absl::StatusOr<DistancesQuery::Answer> LocalMap::Ask(const DistancesQuery& query) const {
+  SPLINEMAP_RETURN_IF_ERROR(Check(query));
+  const BoundedMap bounded = Bounded();
+  DistancesQuery::Answer answer;
+  answer.revision = RevisionOf(*bounded.map);
+  answer.distances.reserve(query.points_m.size());
+  ObstacleSearch search(*bounded.map, bounded.bounds, query.occupied_log_odds, Unknown::kPasses);
+  for (const Eigen::Vector2d& point_m : query.points_m) {
+    answer.distances.push_back(
+        FindDistance(search, point_m, query.max_distance_m, bounded.map->options.knot_interval_m));
+  }
+  return answer;
 }
 
 }  // namespace splinemap

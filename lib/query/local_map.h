@@ -5,6 +5,7 @@
 #include "lib/base/mutex.h"
 #include "lib/map/map.h"
 #include "lib/query/queryable_map.h"
+#include "lib/query/surface_bounds.h"
 
 namespace splinemap {
 
@@ -26,8 +27,16 @@ class LocalMap : public QueryableMap {
   absl::StatusOr<DistancesQuery::Answer> Ask(const DistancesQuery& query) const override;
 
  private:
+  struct BoundedMap {
+    std::shared_ptr<const MapSnapshot> map;
+    SurfaceBounds bounds;
+  };
+  BoundedMap Bounded() const;
+
   mutable Mutex mutex_;
   std::shared_ptr<const MapSnapshot> map_ ABSL_GUARDED_BY(mutex_);
+  mutable SurfaceBoundsEditor bounds_ ABSL_GUARDED_BY(mutex_);
+  mutable BoundedMap bounded_ ABSL_GUARDED_BY(mutex_);  // of the last call of Bounded()
 };
 
 }  // namespace splinemap

@@ -67,7 +67,7 @@ std::vector<Ray> RaysOfScan(const Pose2& world_T_sensor, const std::vector<doubl
 // A disc of `radius_m` whose centre goes along a polyline of one vertex or more.
 struct Sweep {
   static constexpr size_t kMaxVertices = 1000;
-  static constexpr double kMaxRadius_m = 100;
+  static constexpr double kMaxRadius_m = 10;
 
   std::vector<Eigen::Vector2d> path_m;
   double radius_m = 0;

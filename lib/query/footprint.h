@@ -1,0 +1,16 @@
+#pragma once
+
+#include "lib/query/obstacle_search.h"
+#include "lib/query/queries.h"
+
+namespace splinemap {
+
+// Require what Check() lets pass, and the search of the query's threshold and policy.
+
+SweepsQuery::Result CheckSweep(ObstacleSearch& search, const Sweep& sweep, double knot_interval_m);
+
+// Requires a search that unknown passes.
+DistancesQuery::Distance FindDistance(ObstacleSearch& search, const Eigen::Vector2d& point_m,
+                                      double max_distance_m, double knot_interval_m);
+
+}  // namespace splinemap

@@ -1,0 +1,129 @@
+#include "lib/query/surface_bounds.h"
+
+#include <algorithm>
+#include <optional>
+
+#include "absl/container/flat_hash_set.h"
+#include "lib/map/key_tree_impl.h"
+
+namespace splinemap {
+
+template class KeyTree<TileBounds>;
+template class KeyTreeEditor<TileBounds>;
+
+namespace {
+
+constexpr int kNone = std::numeric_limits<ControlPoint>::min();
+
+// What some control points come to.
+struct Extremes {
+  int greatest_touched = kNone;
+  int least = std::numeric_limits<ControlPoint>::max();
+
+  void Add(int control_point) {
+    greatest_touched = std::max(greatest_touched, control_point == 0 ? kNone : control_point);
+    least = std::min(least, control_point);
+  }
+  void Add(const Extremes& other) {
+    greatest_touched = std::max(greatest_touched, other.greatest_touched);
+    least = std::min(least, other.least);
+  }
+};
+
+// The control points that decide the cells of a tile: from -1 to 33 of it, each way.
+class Neighbourhood {
+ public:
+  static constexpr int kSide = Tile::kSide + 3;
+
+  Neighbourhood(const TileTree& tiles, TileKey key) {
+    for (int dy = -1; dy <= 1; ++dy) {
+      for (int dx = -1; dx <= 1; ++dx) {
+        const Tile* tile = tiles.Find({key.tx + dx, key.ty + dy});
+        if (tile != nullptr) Copy(*tile, Tile::kSide * dx, Tile::kSide * dy);
+      }
+    }
+  }
+
+  bool is_empty() const { return is_empty_; }
+
+  Bounds OfBlock(int bx, int by) const {
+    constexpr int kBlockSide = TileBounds::kBlockSide;
+    Extremes extremes;
+    bool all_touched = true;
+    bool all_known = true;
+    for (int y = kBlockSide * by; y < kBlockSide * (by + 1) + 3; ++y) {
+      const bool row_is_nearest = y > kBlockSide * by && y <= kBlockSide * (by + 1) + 1;
+      for (int x = kBlockSide * bx; x < kBlockSide * (bx + 1) + 3; ++x) {
+        const int control_point = rows_[y][x];
+        extremes.Add(control_point);
+        if (control_point != 0) continue;
+        all_touched = false;
+        const bool is_nearest = x > kBlockSide * bx && x <= kBlockSide * (bx + 1) + 1;
+        all_known = all_known && !(row_is_nearest && is_nearest);
+      }
+    }
+    return BoundsOf(extremes.greatest_touched, extremes.least, all_touched, all_known);
+  }
+
+ private:
+  // The part of a tile that lies in here; its first control point is (x0, y0) of the middle one.
+  void Copy(const Tile& tile, int x0, int y0) {
+    const int x_begin = std::max(x0, -1);
+    const int x_end = std::min(x0 + Tile::kSide, kSide - 1);
+    for (int y = std::max(y0, -1); y < std::min(y0 + Tile::kSide, kSide - 1); ++y) {
+      const ControlPoint* row = &tile.control_points[Tile::kSide * (y - y0)];
+      std::copy(row + x_begin - x0, row + x_end - x0, &rows_[y + 1][x_begin + 1]);
+    }
+    is_empty_ = false;
+  }
+
+  bool is_empty_ = true;
+  std::array<std::array<ControlPoint, kSide>, kSide> rows_{};
+};
+
+std::optional<TileBounds> BoundsOfTile(const TileTree& tiles, TileKey key) {
+  const Neighbourhood neighbourhood(tiles, key);
+  if (neighbourhood.is_empty()) return std::nullopt;
+  TileBounds bounds;
+  bounds.whole.all_known = true;
+  bounds.whole.lower = std::numeric_limits<float>::infinity();
+  for (int by = 0; by < TileBounds::kBlocks; ++by) {
+    for (int bx = 0; bx < TileBounds::kBlocks; ++bx) {
+      const Bounds block = neighbourhood.OfBlock(bx, by);
+      bounds.blocks[TileBounds::kBlocks * by + bx] = block;
+      bounds.whole.upper = std::max(bounds.whole.upper, block.upper);
+      bounds.whole.lower = std::min(bounds.whole.lower, block.lower);
+      bounds.whole.all_known = bounds.whole.all_known && block.all_known;
+    }
+  }
+  return bounds;
+}
+
+}  // namespace
+
+SurfaceBounds SurfaceBoundsEditor::Update(const MapSnapshot& map) {
+  const TileTree& tiles = map.merged;
+  if (tiles.line() != line_ || tiles.epoch() < epoch_) {
+    *this = {};
+    line_ = tiles.line();
+  }
+  absl::flat_hash_set<TileKey> touched;  // changed tiles and those around them
+  tiles.ForEachChanged(epoch_, [&](TileKey key, const TileTree::Entry&) {
+    for (int dy = -1; dy <= 1; ++dy) {
+      for (int dx = -1; dx <= 1; ++dx) {
+        const TileKey neighbour{key.tx + dx, key.ty + dy};
+        if (IsInRange(neighbour)) touched.insert(neighbour);
+      }
+    }
+  });
+  epoch_ = tiles.epoch();
+  for (const TileKey key : touched) {
+    const std::optional<TileBounds> bounds = BoundsOfTile(tiles, key);
+    if (!bounds) continue;
+    tiles_.Edit(key, 0) = *bounds;
+    box_.Add(key);
+  }
+  return {tiles_.Freeze(), box_};
+}
+
+}  // namespace splinemap
