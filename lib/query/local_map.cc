@@ -48,11 +48,13 @@ absl::StatusOr<PointsQuery::Answer> LocalMap::Ask(const PointsQuery& query) cons
   return answer;
 }
 
-absl::StatusOr<RaysQuery::Answer> LocalMap::Ask(const RaysQuery&) const {
+absl::StatusOr<RaysQuery::Answer> LocalMap::Ask(const RaysQuery& query) const {
+  SPLINEMAP_RETURN_IF_ERROR(Check(query));
   return absl::UnimplementedError("rays");
 }
 
-absl::StatusOr<SweepsQuery::Answer> LocalMap::Ask(const SweepsQuery&) const {
+absl::StatusOr<SweepsQuery::Answer> LocalMap::Ask(const SweepsQuery& query) const {
+  SPLINEMAP_RETURN_IF_ERROR(Check(query));
   return absl::UnimplementedError("sweeps");
 }
 
@@ -92,7 +94,8 @@ absl::StatusOr<LikelihoodsQuery::Answer> LocalMap::Ask(const LikelihoodsQuery& q
   return answer;
 }
 
-absl::StatusOr<DistancesQuery::Answer> LocalMap::Ask(const DistancesQuery&) const {
+absl::StatusOr<DistancesQuery::Answer> LocalMap::Ask(const DistancesQuery& query) const {
+  SPLINEMAP_RETURN_IF_ERROR(Check(query));
   return absl::UnimplementedError("distances");
 }
 
