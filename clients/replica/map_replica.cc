@@ -76,7 +76,11 @@ void MapReplica::Run(const std::stop_token& stop) {
 }
 
 void MapReplica::Show(std::shared_ptr<const MapSnapshot> snapshot) {
-  const auto before = snapshot_.exchange(snapshot);
+  std::shared_ptr<const MapSnapshot> before;
+  {
+    MutexLock lock(snapshot_mutex_);
+    before = std::exchange(snapshot_, snapshot);
+  }
   local_map_.Show(snapshot);
   if (!on_change_) return;
   const TileBox changed = ChangedTiles(*before, *snapshot);

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <atomic>
 #include <functional>
 #include <memory>
 #include <string>
@@ -30,7 +29,10 @@ class MapReplica : public QueryableMap {
                                                             OnChange on_change = {});
 
   // The map at the moment; without layers until the first was heard. Never waits for the bus.
-  std::shared_ptr<const MapSnapshot> Snapshot() const { return snapshot_.load(); }
+  std::shared_ptr<const MapSnapshot> Snapshot() const {
+    MutexLock lock(snapshot_mutex_);
+    return snapshot_;
+  }
 
   absl::StatusOr<PointsQuery::Answer> Ask(const PointsQuery& query) const override {
     return local_map_.Ask(query);
@@ -67,7 +69,9 @@ class MapReplica : public QueryableMap {
   const OnChange on_change_;
   mutable Mutex mutex_;
   MapFollower follower_ ABSL_GUARDED_BY(mutex_);
-  std::atomic<std::shared_ptr<const MapSnapshot>> snapshot_;
+  // Held for moments only, unlike mutex_.
+  mutable Mutex snapshot_mutex_;
+  std::shared_ptr<const MapSnapshot> snapshot_ ABSL_GUARDED_BY(snapshot_mutex_);
   LocalMap local_map_;  // of the same
   std::jthread following_;
 };
