@@ -1,5 +1,6 @@
 #include "clients/client/map_client.h"
 
+#include <algorithm>
 #include <future>
 #include <utility>
 #include <vector>
@@ -13,6 +14,8 @@ namespace {
 
 // How exact deadlines and pauses are. Messages do not wait for it.
 constexpr std::chrono::milliseconds kTick(10);
+// So that points of time can be computed.
+constexpr std::chrono::milliseconds kLongestDeadline = std::chrono::hours(24 * 365);
 
 size_t NumItems(const PointsQuery& query) { return query.points_m.size(); }
 size_t NumItems(const RaysQuery& query) { return query.rays.size(); }
@@ -85,7 +88,11 @@ void MapClient::Run(const std::stop_token& stop) {
   }
 }
 
-void MapClient::Deliver() const {
+void MapClient::Publish(const std::vector<RequestFlow::Outgoing>& outgoing) const {
+  for (const auto& message : outgoing) bus_->PublishBytes(message.channel, message.bytes);
+}
+
+void MapClient::Deliver() {
   std::vector<RequestFlow::Outgoing> outgoing;
   std::vector<RequestFlow::Finished> finished;
   {
@@ -93,25 +100,27 @@ void MapClient::Deliver() const {
     outgoing = flow_.TakeOutgoing();
     finished = flow_.TakeFinished();
   }
-  for (const auto& message : outgoing) bus_->PublishBytes(message.channel, message.bytes);
+  Publish(outgoing);
   for (const auto& [request, status] : finished) request->Finish(status);
 }
 
 MapClient::RequestId MapClient::Add(std::unique_ptr<PendingRequest> request,
                                     std::chrono::milliseconds deadline) const {
   RequestId id = 0;
+  std::vector<RequestFlow::Outgoing> outgoing;
   {
     MutexLock lock(mutex_);
     if (flow_.num_pending() < RequestFlow::kMaxRequests) {
       const auto now = RequestFlow::Clock::now();
-      id = flow_.Start(std::move(request), now + deadline, now);
+      id = flow_.Start(std::move(request), now + std::min(deadline, kLongestDeadline), now);
+      outgoing = flow_.TakeOutgoing();
     }
   }
   if (request) {
     request->Finish(absl::ResourceExhaustedError(
         fmt::format("{} requests are under way", RequestFlow::kMaxRequests)));
   }
-  Deliver();
+  Publish(outgoing);
   return id;
 }
 
@@ -146,11 +155,12 @@ template MapClient::RequestId MapClient::Start(
     std::function<void(absl::StatusOr<DistancesQuery::Answer>)>) const;
 
 void MapClient::Cancel(RequestId id) const {
+  std::unique_ptr<PendingRequest> request;
   {
     MutexLock lock(mutex_);
-    flow_.Cancel(id);
+    request = flow_.Remove(id);
   }
-  Deliver();
+  if (request) request->Finish(absl::CancelledError("cancelled by the caller"));
 }
 
 template <typename Query>

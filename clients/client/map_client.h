@@ -6,6 +6,7 @@
 #include <memory>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -49,8 +50,9 @@ class MapClient : public QueryableMap {
   absl::StatusOr<DistancesQuery::Answer> Ask(const DistancesQuery& query) const override;
 
   using RequestId = int64_t;
-  // Asks without waiting. `done` is called once: by the client's thread, which it keeps from all
-  // other answers, or in Cancel(), in the destructor and, where the query is refused, in here.
+  // Asks without waiting, for a year at most. `done` is called once: by the client's thread, which
+  // it keeps from all other answers, or in Cancel(), in the destructor and, where the query is
+  // refused, in here.
   template <typename Query>
   RequestId Start(Query query, std::chrono::milliseconds deadline,
                   std::function<void(absl::StatusOr<typename Query::Answer>)> done) const;
@@ -71,7 +73,8 @@ class MapClient : public QueryableMap {
   absl::Status AwaitDaemon();
   void Run(const std::stop_token& stop);
   RequestId Add(std::unique_ptr<PendingRequest> request, std::chrono::milliseconds deadline) const;
-  void Deliver() const;
+  void Publish(const std::vector<RequestFlow::Outgoing>& outgoing) const;
+  void Deliver();
   template <typename Query>
   absl::StatusOr<typename Query::Answer> AskAndWait(const Query& query) const;
   absl::Status Command(const std::string& command, std::chrono::milliseconds deadline);

@@ -87,19 +87,23 @@ void RequestFlow::Send(int64_t id, const Sent& sent) {
       {request.pending->Channel(channel_prefix_), request.pending->Encode(sent.piece, head)});
 }
 
-void RequestFlow::Cancel(int64_t number) {
-  if (requests_.contains(number)) Finish(number, absl::CancelledError("cancelled by the caller"));
-}
-
-void RequestFlow::CancelAll() {
-  while (!requests_.empty()) Cancel(requests_.begin()->first);
+std::unique_ptr<PendingRequest> RequestFlow::Remove(int64_t number) {
+  const auto found = requests_.find(number);
+  if (found == requests_.end()) return nullptr;
+  std::erase_if(sent_, [&](const auto& sent) { return sent.second.request == number; });
+  std::unique_ptr<PendingRequest> removed = std::move(found->second.pending);
+  requests_.erase(found);
+  return removed;
 }
 
 void RequestFlow::Finish(int64_t number, absl::Status status) {
-  std::erase_if(sent_, [&](const auto& sent) { return sent.second.request == number; });
-  const auto found = requests_.find(number);
-  finished_.push_back({std::move(found->second.pending), std::move(status)});
-  requests_.erase(found);
+  finished_.push_back({Remove(number), std::move(status)});
+}
+
+void RequestFlow::CancelAll() {
+  while (!requests_.empty()) {
+    Finish(requests_.begin()->first, absl::CancelledError("the client ends"));
+  }
 }
 
 void RequestFlow::HandleMessage(absl::Span<const uint8_t> message, Clock::time_point now) {
@@ -176,8 +180,9 @@ void RequestFlow::Tick(Clock::time_point now) {
   for (const int64_t number : late) Finish(number, Late(requests_.at(number)));
   bool is_lost = false;
   for (auto& [id, sent] : sent_) {
-    is_lost = is_lost || sent.retry.sent >= kSentBeforeSearch;
-    if (IsDue(sent.retry, now)) Send(id, sent);
+    if (!IsDue(sent.retry, now)) continue;
+    Send(id, sent);
+    is_lost = is_lost || sent.retry.sent % kSentBeforeSearch == 0;
   }
   if (is_lost && !search_) search_ = Search{++last_number_, {now, kFirstPause}};
   if (search_ && IsDue(search_->retry, now)) {

@@ -61,10 +61,12 @@ class RequestFlow {
   // What to say when none was found.
   std::string WhyNoDaemon() const;
 
-  // The number of the request, for Cancel(). Requires fewer than kMaxRequests pending.
+  // The number of the request, for Remove(). Requires fewer than kMaxRequests pending.
   int64_t Start(std::unique_ptr<PendingRequest> request, Clock::time_point deadline,
                 Clock::time_point now);
-  void Cancel(int64_t number);
+  // Ends a request; it is the caller's, who finishes it. Null where it is not pending.
+  std::unique_ptr<PendingRequest> Remove(int64_t number);
+  // All of them are to be finished with Cancelled.
   void CancelAll();
   size_t num_pending() const { return requests_.size(); }
 

@@ -12,18 +12,21 @@ constexpr size_t kMaxRemembered = 64;
 
 }  // namespace
 
-CommandServer::CommandServer(Service service, bool allowed, Do do_command)
-    : service_(std::move(service)),
+CommandServer::CommandServer(Replier replier, bool allowed, Do do_command)
+    : replier_(std::move(replier)),
       allowed_(allowed),
       do_(std::move(do_command)),
       serving_([this](const std::stop_token& stop) { Serve(stop); }) {}
 
 void CommandServer::TakeRequest(absl::Span<const uint8_t> message) {
   absl::StatusOr<command_request_t> request = DecodeRpc<command_request_t>(message);
-  if (!request.ok() || service_.IsForOther(request->head)) return;
+  if (!request.ok() || replier_.IsForOther(request->head)) return;
   {
     MutexLock lock(mutex_);
-    if (waiting_.size() >= kMaxWaiting) return;
+    const bool is_waiting = std::any_of(waiting_.begin(), waiting_.end(), [&](const auto& other) {
+      return other.head.client == request->head.client && other.head.id == request->head.id;
+    });
+    if (is_waiting || waiting_.size() >= kMaxWaiting) return;
     waiting_.push_back(*std::move(request));
   }
   taken_.notify_one();
@@ -46,13 +49,13 @@ void CommandServer::Serve(const std::stop_token& stop) {
     if (done == done_.end()) {
       const absl::Status status = Run(request);
       command_reply_t reply;
-      reply.head = service_.HeadFor(head);
+      reply.head = replier_.HeadFor(head);
       SetStatus(status, reply.head);
       if (done_.size() >= kMaxRemembered) done_.pop_front();
       done_.push_back({head.client, head.id, Encode(reply)});
       done = done_.end() - 1;
     }
-    service_.Reply(head, done->reply);
+    replier_.Reply(head, done->reply);
   }
 }
 

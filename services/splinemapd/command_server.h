@@ -11,7 +11,7 @@
 #include "absl/status/status.h"
 #include "absl/types/span.h"
 #include "lib/base/mutex.h"
-#include "services/splinemapd/query_server.h"
+#include "services/splinemapd/replier.h"
 
 namespace splinemap {
 
@@ -25,7 +25,7 @@ class CommandServer {
   using Do = std::function<absl::Status(const std::string& command, uint64_t incarnation)>;
 
   // Without `allowed` all are refused with PermissionDenied.
-  CommandServer(Service service, bool allowed, Do do_command);
+  CommandServer(Replier replier, bool allowed, Do do_command);
 
   // Any bytes. Does not wait.
   void TakeRequest(absl::Span<const uint8_t> message);
@@ -40,7 +40,7 @@ class CommandServer {
   void Serve(const std::stop_token& stop);
   absl::Status Run(const command_request_t& request);
 
-  const Service service_;
+  const Replier replier_;
   const bool allowed_;
   const Do do_;
   Mutex mutex_;

@@ -106,7 +106,7 @@ void Daemon::Serve() {
   };
   server_ = std::make_unique<LayerServer>(*bus_, config_.channel_prefix(), options, own_layer_,
                                           take_snapshot);
-  const Service reply_service{
+  const Replier replier{
       .channel_prefix = config_.channel_prefix(),
       .daemon_nonce = RandomId(),
       .layer = own_layer_,
@@ -114,12 +114,11 @@ void Daemon::Serve() {
       .send = [this](const std::string& channel, absl::Span<const uint8_t> reply) {
         bus_->PublishBytes(channel, reply);
       }};
-  queries_ = std::make_unique<QueryServer>(reply_service);
-  commands_ =
-      std::make_unique<CommandServer>(reply_service, service.remote_commands(),
-                                      [this](const std::string& command, uint64_t incarnation) {
-                                        return Do(command, incarnation);
-                                      });
+  queries_ = std::make_unique<QueryServer>(replier);
+  commands_ = std::make_unique<CommandServer>(
+      replier, service.remote_commands(), [this](const std::string& command, uint64_t incarnation) {
+        return Do(command, incarnation);
+      });
 }
 
 LayerLife Daemon::OwnLife() {

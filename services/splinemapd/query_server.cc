@@ -16,20 +16,9 @@ constexpr size_t kMaxRefusalsWaiting = 16;
 
 }  // namespace
 
-reply_t Service::HeadFor(const request_t& request) const {
-  const auto map = take_snapshot();
-  reply_t head{};
-  head.id = request.id;
-  head.name = map->layers[layer].id.name;
-  head.daemon_nonce = static_cast<int64_t>(daemon_nonce);
-  head.incarnation = static_cast<int64_t>(map->layers[layer].epoch.incarnation);
-  head.revision = static_cast<int64_t>(RevisionOf(*map));
-  return head;
-}
-
-QueryServer::QueryServer(Service service)
-    : service_(std::move(service)),
-      newest_(std::make_shared<LocalMap>(service_.take_snapshot())),
+QueryServer::QueryServer(Replier replier)
+    : replier_(std::move(replier)),
+      newest_(std::make_shared<LocalMap>(replier_.take_snapshot())),
       serving_([this](const std::stop_token& stop) { Serve(stop); }) {}
 
 std::vector<std::string> QueryServer::Channels(const std::string& channel_prefix) {
@@ -49,7 +38,7 @@ void QueryServer::TakeRequest(absl::Span<const uint8_t> message) {
       ++counts_.malformed;
       return;
     }
-    if (service_.IsForOther(*head)) {
+    if (replier_.IsForOther(*head)) {
       ++counts_.for_others;
       return;
     }
@@ -99,21 +88,21 @@ void QueryServer::Serve(const std::stop_token& stop) {
     if (request) Answer(*request);
     if (!refusal) continue;
     const request_t& head = refusal->request.head;
-    service_.Reply(head,
-                   RefuseRequest(refusal->request.bytes, refusal->why, service_.HeadFor(head)));
+    replier_.Reply(head,
+                   RefuseRequest(refusal->request.bytes, refusal->why, replier_.HeadFor(head)));
   }
 }
 
 void QueryServer::Answer(const QueuedRequest& request) {
   const std::shared_ptr<const LocalMap> map = MapFor(request.head);
   const std::vector<uint8_t> reply =
-      AnswerRequest(request.bytes, *map, service_.HeadFor(request.head));
+      AnswerRequest(request.bytes, *map, replier_.HeadFor(request.head));
   if (reply.empty()) {
     MutexLock lock(mutex_);
     ++counts_.malformed;
     return;
   }
-  service_.Reply(request.head, reply);
+  replier_.Reply(request.head, reply);
 }
 
 std::shared_ptr<const LocalMap> QueryServer::MapFor(const request_t& head) {
@@ -127,7 +116,7 @@ std::shared_ptr<const LocalMap> QueryServer::MapFor(const request_t& head) {
     std::rotate(pin, pin + 1, pins_.end());
     return pins_.back().map;
   }
-  newest_->Show(service_.take_snapshot());
+  newest_->Show(replier_.take_snapshot());
   if (head.query == 0) return newest_;
   const auto is_of_client = [&](const Pin& pin) { return pin.client == head.client; };
   if (std::count_if(pins_.begin(), pins_.end(), is_of_client) >= kMaxPinsOfClient) {

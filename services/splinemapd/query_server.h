@@ -2,7 +2,6 @@
 
 #include <cstdint>
 #include <deque>
-#include <functional>
 #include <memory>
 #include <string>
 #include <thread>
@@ -12,39 +11,17 @@
 #include "absl/types/span.h"
 #include "lib/base/mutex.h"
 #include "lib/query/local_map.h"
-#include "lib/rpc/messages.h"
+#include "services/splinemapd/replier.h"
 #include "services/splinemapd/request_queue.h"
 
 namespace splinemap {
-
-// Who replies to clients, and with which map.
-struct Service {
-  using TakeSnapshot = std::function<std::shared_ptr<const MapSnapshot>()>;
-  using Send = std::function<void(const std::string& channel, absl::Span<const uint8_t> reply)>;
-
-  std::string channel_prefix;
-  uint64_t daemon_nonce = 0;  // of this start of the daemon, not 0
-  size_t layer = 0;           // of the snapshots: the daemon's own
-  TakeSnapshot take_snapshot;
-  Send send;
-
-  // Of a reply that says how the map is now.
-  reply_t HeadFor(const request_t& request) const;
-  // A request is for another daemon.
-  bool IsForOther(const request_t& request) const {
-    return request.daemon_nonce != 0 && static_cast<uint64_t>(request.daemon_nonce) != daemon_nonce;
-  }
-  void Reply(const request_t& request, absl::Span<const uint8_t> reply) const {
-    send(ReplyChannel(channel_prefix, static_cast<uint64_t>(request.client)), reply);
-  }
-};
 
 // Answers queries in a thread of its own, so that the map never waits for who asks it. What exceeds
 // the queue is refused with RESOURCE_EXHAUSTED, once for each request that is served, else not
 // answered. Thread-safe.
 class QueryServer {
  public:
-  explicit QueryServer(Service service);
+  explicit QueryServer(Replier replier);
 
   static std::vector<std::string> Channels(const std::string& channel_prefix);
 
@@ -78,7 +55,7 @@ class QueryServer {
   void Answer(const QueuedRequest& request);
   std::shared_ptr<const LocalMap> MapFor(const request_t& head);
 
-  const Service service_;
+  const Replier replier_;
   mutable Mutex mutex_;
   ConditionVariable taken_;
   RequestQueue queue_ ABSL_GUARDED_BY(mutex_);

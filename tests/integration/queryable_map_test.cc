@@ -34,7 +34,7 @@ class MapOnBus {
     options.bytes_per_s = 1e7;
     layers_ = std::make_unique<LayerServer>(*bus_, "SPLINEMAP", options, 0, take_snapshot);
     queries_ = std::make_unique<QueryServer>(
-        Service{"SPLINEMAP", RandomId(), 0, take_snapshot,
+        Replier{"SPLINEMAP", RandomId(), 0, take_snapshot,
                 [this](const std::string& channel, absl::Span<const uint8_t> reply) {
                   bus_->PublishBytes(channel, reply);
                 }});

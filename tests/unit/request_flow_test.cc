@@ -254,8 +254,10 @@ TEST_F(RequestFlowTest, CancelledOnceAndThenGone) {
   Find();
   const int64_t number = Ask(RandomPoints(random_, 5000));
   auto outgoing = flow_->TakeOutgoing();
-  flow_->Cancel(number);
-  flow_->Cancel(number);
+  const auto removed = flow_->Remove(number);
+  ASSERT_NE(removed, nullptr);
+  EXPECT_EQ(flow_->Remove(number), nullptr);
+  removed->Finish(absl::CancelledError(""));
   Exchange();
   ASSERT_EQ(statuses_.size(), 1u);
   EXPECT_TRUE(absl::IsCancelled(statuses_[0]));
