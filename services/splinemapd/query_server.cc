@@ -18,7 +18,7 @@ constexpr size_t kMaxRefusalsWaiting = 16;
 
 QueryServer::QueryServer(Replier replier)
     : replier_(std::move(replier)),
-      newest_(std::make_shared<LocalMap>(replier_.take_snapshot())),
+      newest_(replier_.take_snapshot()),
       serving_([this](const std::stop_token& stop) { Serve(stop); }) {}
 
 std::vector<std::string> QueryServer::Channels(const std::string& channel_prefix) {
@@ -94,9 +94,8 @@ void QueryServer::Serve(const std::stop_token& stop) {
 }
 
 void QueryServer::Answer(const QueuedRequest& request) {
-  const std::shared_ptr<const LocalMap> map = MapFor(request.head);
   const std::vector<uint8_t> reply =
-      AnswerRequest(request.bytes, *map, replier_.HeadFor(request.head));
+      AnswerRequest(request.bytes, MapFor(request.head), replier_.HeadFor(request.head));
   if (reply.empty()) {
     MutexLock lock(mutex_);
     ++counts_.malformed;
@@ -105,7 +104,7 @@ void QueryServer::Answer(const QueuedRequest& request) {
   replier_.Reply(request.head, reply);
 }
 
-std::shared_ptr<const LocalMap> QueryServer::MapFor(const request_t& head) {
+const LocalMap& QueryServer::MapFor(const request_t& head) {
   const auto now = std::chrono::steady_clock::now();
   std::erase_if(pins_, [&](const Pin& pin) { return now - pin.last_used > kPinTime; });
   const auto is_for = [&](const Pin& pin) {
@@ -114,9 +113,12 @@ std::shared_ptr<const LocalMap> QueryServer::MapFor(const request_t& head) {
   if (const auto pin = std::find_if(pins_.begin(), pins_.end(), is_for); pin != pins_.end()) {
     pin->last_used = now;
     std::rotate(pin, pin + 1, pins_.end());
-    return pins_.back().map;
+    Pin& used = pins_.back();
+    if (used.snapshot == newest_.Snapshot()) return newest_;
+    if (!used.map) used.map = std::make_unique<const LocalMap>(used.snapshot);
+    return *used.map;
   }
-  newest_->Show(replier_.take_snapshot());
+  newest_.Show(replier_.take_snapshot());
   if (head.query == 0) return newest_;
   const auto is_of_client = [&](const Pin& pin) { return pin.client == head.client; };
   if (std::count_if(pins_.begin(), pins_.end(), is_of_client) >= kMaxPinsOfClient) {
@@ -124,9 +126,8 @@ std::shared_ptr<const LocalMap> QueryServer::MapFor(const request_t& head) {
   } else if (pins_.size() >= kMaxPins) {
     pins_.pop_front();
   }
-  pins_.push_back(
-      {head.client, head.query, now, std::make_shared<const LocalMap>(newest_->Snapshot())});
-  return pins_.back().map;
+  pins_.push_back({head.client, head.query, now, newest_.Snapshot(), nullptr});
+  return newest_;
 }
 
 }  // namespace splinemap

@@ -46,14 +46,17 @@ class QueryServer {
     int64_t client = 0;
     int64_t query = 0;
     std::chrono::steady_clock::time_point last_used;
-    std::shared_ptr<const LocalMap> map;
+    std::shared_ptr<const MapSnapshot> snapshot;
+    // Made when it is asked for and newest_ has gone on: most queries are answered before.
+    std::unique_ptr<const LocalMap> map;
   };
 
   void Refuse(const request_t& head, absl::Span<const uint8_t> message, absl::Status why)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void Serve(const std::stop_token& stop);
   void Answer(const QueuedRequest& request);
-  std::shared_ptr<const LocalMap> MapFor(const request_t& head);
+  // Valid until the next call.
+  const LocalMap& MapFor(const request_t& head);
 
   const Replier replier_;
   mutable Mutex mutex_;
@@ -62,7 +65,7 @@ class QueryServer {
   std::deque<Refusal> refusals_ ABSL_GUARDED_BY(mutex_);
   Counts counts_ ABSL_GUARDED_BY(mutex_);
   // Of the thread.
-  std::shared_ptr<LocalMap> newest_;
+  LocalMap newest_;
   std::deque<Pin> pins_;  // the last used last
   std::jthread serving_;
 };

@@ -124,7 +124,9 @@ TEST_F(QueryServerTest, RequestsOfOneQueryAreAnsweredFromOneState) {
   server.TakeRequest(Encode(Request(1, 4, 10)));  // another query
   Await(4);
   server.TakeRequest(Encode(Request(1, 5)));  // one that is alone
-  const std::vector<Reply> replies = Await(5);
+  Await(5);
+  server.TakeRequest(Encode(Request(1, 6, 9)));  // the first query, after the newest went on
+  const std::vector<Reply> replies = Await(6);
   EXPECT_EQ(replies[1].bytes.size(), replies[0].bytes.size());
   EXPECT_EQ(Head(replies[1]).revision, 20);
   EXPECT_EQ(DecodeRpc<points_reply_t>(replies[1].bytes)->log_odds,
@@ -132,6 +134,11 @@ TEST_F(QueryServerTest, RequestsOfOneQueryAreAnsweredFromOneState) {
   EXPECT_EQ(Head(replies[2]).revision, 21);
   EXPECT_EQ(Head(replies[3]).revision, 21);
   EXPECT_EQ(Head(replies[4]).revision, 21);
+  EXPECT_EQ(Head(replies[5]).revision, 20);
+  EXPECT_EQ(DecodeRpc<points_reply_t>(replies[5].bytes)->log_odds,
+            DecodeRpc<points_reply_t>(replies[0].bytes)->log_odds);
+  EXPECT_NE(DecodeRpc<points_reply_t>(replies[4].bytes)->log_odds,
+            DecodeRpc<points_reply_t>(replies[0].bytes)->log_odds);
 }
 
 TEST_F(QueryServerTest, OneClientThatAsksMuchDoesNotStarveAnother) {
