@@ -41,7 +41,8 @@ class QueryServerTest : public testing::Test {
 
   static points_request_t Request(int64_t client, int64_t id, int64_t query = 0,
                                   int64_t nonce = 5) {
-    points_request_t request = ToMessage(PointsQuery{{{0.5, 0.5}}, false}, {0, 1});
+    std::mt19937_64 random(1);
+    points_request_t request = ToMessage(RandomPoints(random, 100), {0, 100});
     request.head.client = client;
     request.head.id = id;
     request.head.query = query;
@@ -100,7 +101,11 @@ TEST_F(QueryServerTest, RepliesToWhoAskedWithWhoAnswers) {
   EXPECT_EQ(decoded->head.daemon_nonce, 5);
   EXPECT_EQ(decoded->head.incarnation, 1);
   EXPECT_EQ(decoded->head.revision, 20);
-  EXPECT_EQ(decoded->log_odds.at(0), RandomMap(1)->Evaluate(0.5, 0.5).log_odds);
+  const points_request_t request = Request(0xabc, 17);
+  for (size_t k = 0; k < 100; ++k) {
+    EXPECT_EQ(decoded->log_odds.at(k),
+              RandomMap(1)->Evaluate(request.x_m[k], request.y_m[k]).log_odds);
+  }
 }
 
 TEST_F(QueryServerTest, AnotherNonceIsIgnoredAndNoneMeansAnybody) {
