@@ -176,6 +176,12 @@ TEST_F(MapClientTest, ClearBeginsTheLayerAnewForEverybody) {
   auto follower = *MapReplica::Follow("", {});
   Drive(20);
   Await([&] { return follower->Snapshot()->Evaluate(3, 0).log_odds > 0; });
+  const RaysQuery rays{RaysOfScan({{0.1, 0}, 0}, {0, 1, 2, 3, 4, 5}, 5)};
+  const DistancesQuery distances{{{0, 0}, {2, 1}, {2.5, 0}}};
+  client_->Ask(rays)
+      .status()
+      .IgnoreError();  // so that the daemon has to forget what it knows for them
+  client_->Ask(distances).status().IgnoreError();
   const absl::Status cleared = client_->Clear();
   EXPECT_TRUE(cleared.ok()) << cleared;
   EXPECT_EQ(client_->daemon().incarnation, 2u);
@@ -191,8 +197,15 @@ TEST_F(MapClientTest, ClearBeginsTheLayerAnewForEverybody) {
   Drive(10);
   EXPECT_GT(LogOdds(), 0);
   Await([&] { return follower->Snapshot()->Evaluate(3, 0).log_odds > 0; });
+  const auto ends = client_->Ask(rays);
+  const auto nearest = client_->Ask(distances);
   ASSERT_TRUE(daemon_->Stop().ok());
-  EXPECT_GT(ReadMapFile(config_.map())->map->Evaluate(3, 0).log_odds, 0);
+  const LocalMap map(ReadMapFile(config_.map())->map);
+  EXPECT_GT(map.Snapshot()->Evaluate(3, 0).log_odds, 0);
+  ASSERT_EQ(ends.status(), map.Ask(rays).status());
+  EXPECT_TRUE(!ends.ok() || AreSame(*ends, *map.Ask(rays)));
+  ASSERT_EQ(nearest.status(), map.Ask(distances).status());
+  EXPECT_TRUE(!nearest.ok() || AreSame(*nearest, *map.Ask(distances)));
 }
 
 TEST_F(MapClientTest, ACommandForAnotherStartOfTheLayerIsNotDone) {
