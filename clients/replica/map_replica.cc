@@ -28,6 +28,7 @@ MapReplica::MapReplica(std::unique_ptr<LcmBus> bus, FollowOptions options, OnCha
       on_change_(std::move(on_change)),
       follower_(std::move(options), RandomId()),
       snapshot_(std::make_shared<const MapSnapshot>()),
+      local_map_(snapshot_),
       following_([this](const std::stop_token& stop) { Run(stop); }) {}
 
 void MapReplica::Run(const std::stop_token& stop) {
@@ -75,7 +76,12 @@ void MapReplica::Run(const std::stop_token& stop) {
 }
 
 void MapReplica::Show(std::shared_ptr<const MapSnapshot> snapshot) {
-  const auto before = snapshot_.exchange(snapshot);
+  std::shared_ptr<const MapSnapshot> before;
+  {
+    MutexLock lock(snapshot_mutex_);
+    before = std::exchange(snapshot_, snapshot);
+  }
+  local_map_.Show(snapshot);
   if (!on_change_) return;
   const TileBox changed = ChangedTiles(*before, *snapshot);
   if (changed.IsEmpty()) return;

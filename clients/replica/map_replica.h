@@ -1,6 +1,5 @@
 #pragma once
 
-#include <atomic>
 #include <functional>
 #include <memory>
 #include <string>
@@ -11,13 +10,14 @@
 #include "clients/replica/map_follower.h"
 #include "lib/base/mutex.h"
 #include "lib/map/region.h"
+#include "lib/query/local_map.h"
 #include "lib/wire/lcm_bus.h"
 
 namespace splinemap {
 
 // A live copy of the map on a bus, kept by a thread of its own: byte for byte what the daemons have
 // published, once a digest has matched. Thread-safe.
-class MapReplica {
+class MapReplica : public QueryableMap {
  public:
   // Called by the replica's thread after changes, some times a second: with the new map, and where
   // it may differ from the one before. What it does keeps the replica waiting.
@@ -29,7 +29,29 @@ class MapReplica {
                                                             OnChange on_change = {});
 
   // The map at the moment; without layers until the first was heard. Never waits for the bus.
-  std::shared_ptr<const MapSnapshot> Snapshot() const { return snapshot_.load(); }
+  std::shared_ptr<const MapSnapshot> Snapshot() const {
+    MutexLock lock(snapshot_mutex_);
+    return snapshot_;
+  }
+
+  absl::StatusOr<PointsQuery::Answer> Ask(const PointsQuery& query) const override {
+    return local_map_.Ask(query);
+  }
+  absl::StatusOr<RaysQuery::Answer> Ask(const RaysQuery& query) const override {
+    return local_map_.Ask(query);
+  }
+  absl::StatusOr<SweepsQuery::Answer> Ask(const SweepsQuery& query) const override {
+    return local_map_.Ask(query);
+  }
+  absl::StatusOr<RasterQuery::Answer> Ask(const RasterQuery& query) const override {
+    return local_map_.Ask(query);
+  }
+  absl::StatusOr<LikelihoodsQuery::Answer> Ask(const LikelihoodsQuery& query) const override {
+    return local_map_.Ask(query);
+  }
+  absl::StatusOr<DistancesQuery::Answer> Ask(const DistancesQuery& query) const override {
+    return local_map_.Ask(query);
+  }
 
   // As MapFollower's.
   std::shared_ptr<const MapSnapshot> WholeSnapshot() const;
@@ -47,7 +69,10 @@ class MapReplica {
   const OnChange on_change_;
   mutable Mutex mutex_;
   MapFollower follower_ ABSL_GUARDED_BY(mutex_);
-  std::atomic<std::shared_ptr<const MapSnapshot>> snapshot_;
+  // Held for moments only, unlike mutex_.
+  mutable Mutex snapshot_mutex_;
+  std::shared_ptr<const MapSnapshot> snapshot_ ABSL_GUARDED_BY(snapshot_mutex_);
+  LocalMap local_map_;  // of the same
   std::jthread following_;
 };
 

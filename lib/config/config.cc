@@ -127,7 +127,8 @@ absl::Status CheckConfig(const config::Config& config) {
         "and pose: in a file for --config. What a log holds shows: splinemap doctor LOG",
         config.scan_size() == 0 ? "scan" : "pose");
   }
-  if (std::max(config.channel_prefix().size() + 16, config.pose().size()) > kMaxChannelLength) {
+  // The longest are those of replies, _REPLIES_ and 16 digits.
+  if (std::max(config.channel_prefix().size() + 25, config.pose().size()) > kMaxChannelLength) {
     return InvalidArgument(
         "channel_prefix or pose is too long; LCM's channels have {} bytes at most",
         kMaxChannelLength);

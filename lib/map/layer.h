@@ -53,6 +53,13 @@ class Layer {
     epoch_ = epoch;
   }
 
+  // Goes on as another life without tiles.
+  void BeginEmptyLife(LayerEpoch epoch) {
+    BeginLife(id_, epoch);
+    BeginCommit();
+    tiles_ = TileTreeEditor();
+  }
+
   // Begins the next commit; edits belong to it until the next call. Snapshots are taken between
   // commits only, so none holds half of one.
   void BeginCommit() { ++revision_; }

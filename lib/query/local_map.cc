@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
 #include "lib/base/status.h"
 #include "lib/query/footprint.h"
@@ -13,20 +12,6 @@
 namespace splinemap {
 namespace {
 
-uint64_t RevisionOf(const MapSnapshot& map) {
-  uint64_t revision = 0;
-  for (const LayerSnapshot& layer : map.layers) revision += layer.revision;
-  return revision;
-}
-
-int16_t CellOf(const SurfaceSample& sample) {
-  if (!sample.known) return 0;
-  const double units = std::round(sample.log_odds * kUnitsPerLogOdds);
-  constexpr double kMax = std::numeric_limits<int16_t>::max();
-  const auto cell = static_cast<int16_t>(std::clamp(units, -kMax, kMax));
-  return cell == 0 ? int16_t{1} : cell;
-}
-
 // log p(occupied), also where p is too small for a double.
 double LogProbability(double log_odds) {
   return log_odds > 0 ? -std::log1p(std::exp(-log_odds))
@@ -34,6 +19,12 @@ double LogProbability(double log_odds) {
 }
 
 }  // namespace
+
+uint64_t RevisionOf(const MapSnapshot& map) {
+  uint64_t revision = 0;
+  for (const LayerSnapshot& layer : map.layers) revision += layer.revision;
+  return revision;
+}
 
 void LocalMap::Show(std::shared_ptr<const MapSnapshot> map) {
   MutexLock lock(mutex_);
@@ -100,7 +91,7 @@ absl::StatusOr<RasterQuery::Answer> LocalMap::Ask(const RasterQuery& query) cons
   std::vector<SurfaceSample> samples(query.width);
   for (int row = 0; row < query.height; ++row) {
     for (int column = 0; column < query.width; ++column) {
-      centres_m[column] = query.first_m + query.resolution_m * Eigen::Vector2d(column, row);
+      centres_m[column] = PointOfCell(query, size_t{1} * row * query.width + column);
     }
     map->EvaluateMany(centres_m, absl::MakeSpan(samples));
     std::transform(samples.begin(), samples.end(), std::back_inserter(answer.cells), CellOf);

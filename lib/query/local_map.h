@@ -9,6 +9,9 @@
 
 namespace splinemap {
 
+// What answers about this map call its revision: the commits to all of its layers.
+uint64_t RevisionOf(const MapSnapshot& map);
+
 // The map in this process. What queries need beside the map is made when one asks first, and then
 // brought up to date with what changed. Thread-safe.
 class LocalMap : public QueryableMap {

@@ -1,8 +1,11 @@
 #include "lib/query/queries.h"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "lib/base/status.h"
+#include "lib/map/tile.h"
 
 namespace splinemap {
 namespace {
@@ -48,6 +51,20 @@ std::vector<Ray> RaysOfScan(const Pose2& world_T_sensor, const std::vector<doubl
     rays.push_back({world_T_sensor.position_m, world_T_sensor.yaw_rad + bearing_rad, max_range_m});
   }
   return rays;
+}
+
+Eigen::Vector2d PointOfCell(const RasterQuery& query, size_t cell) {
+  const size_t width = query.width;
+  return query.first_m + query.resolution_m * Eigen::Vector2d(static_cast<double>(cell % width),
+                                                              static_cast<double>(cell / width));
+}
+
+int16_t CellOf(const SurfaceSample& sample) {
+  if (!sample.known) return 0;
+  const double units = std::round(sample.log_odds * kUnitsPerLogOdds);
+  constexpr double kMax = std::numeric_limits<int16_t>::max();
+  const auto cell = static_cast<int16_t>(std::clamp(units, -kMax, kMax));
+  return cell == 0 ? int16_t{1} : cell;
 }
 
 absl::Status Check(const PointsQuery&) { return absl::OkStatus(); }

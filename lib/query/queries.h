@@ -110,6 +110,11 @@ struct RasterQuery {
   };
 };
 
+// Where cell number `cell` is, counted along rows.
+Eigen::Vector2d PointOfCell(const RasterQuery& query, size_t cell);
+// The cell of which the surface is that.
+int16_t CellOf(const SurfaceSample& sample);
+
 // How well a scan fits at many poses: of each the sum over its hits of log p(occupied), where what
 // is not known counts as the surface says, log 1/2 far from everything. This is the end point model
 // of a range finder: it does not ask whether beams pass through walls.

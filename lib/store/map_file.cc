@@ -23,8 +23,9 @@ constexpr int kMaxRowBytes = 1 << 20;
 
 bool HasAllOf(const MapSnapshot& map, const std::vector<SavedLayer>& saved) {
   return std::all_of(saved.begin(), saved.end(), [&](const SavedLayer& known) {
-    return std::any_of(map.layers.begin(), map.layers.end(),
-                       [&](const LayerSnapshot& layer) { return layer.id == known.id; });
+    return std::any_of(map.layers.begin(), map.layers.end(), [&](const LayerSnapshot& layer) {
+      return layer.id == known.id && layer.tiles.size() >= known.num_tiles;
+    });
   });
 }
 

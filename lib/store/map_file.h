@@ -44,9 +44,9 @@ class MapFile {
   absl::StatusOr<LoadedMap> Load();
 
   // Writes what changed since the last save of this object or its Load(); all of it the first time.
-  // Where a layer is gone or has another id, all is written anew. Requires equal map options. After
-  // a failure (the disk is full, the file was deleted or replaced) the file is as it was, and the
-  // next save writes what this one did not.
+  // Where a layer is gone, has another id or fewer tiles, all is written anew. Requires equal map
+  // options. After a failure (the disk is full, the file was deleted or replaced) the file is as it
+  // was, and the next save writes what this one did not.
   absl::Status Save(const MapSnapshot& snapshot);
 
   // Brings everything into the one file; every later call fails. The destructor does the same and

@@ -223,7 +223,9 @@ void WriteTiles(const LayerSnapshot& layer, int64_t layer_row, uint64_t since,
 
 std::vector<SavedLayer> SavedLayersOf(const MapSnapshot& map) {
   std::vector<SavedLayer> saved;
-  for (const LayerSnapshot& layer : map.layers) saved.push_back({layer.id, layer.tiles.epoch()});
+  for (const LayerSnapshot& layer : map.layers) {
+    saved.push_back({layer.id, layer.tiles.epoch(), layer.tiles.size()});
+  }
   return saved;
 }
 

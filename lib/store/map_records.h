@@ -28,6 +28,7 @@ struct LoadedMap {
 struct SavedLayer {
   LayerId id;
   uint64_t tree_epoch = 0;
+  size_t num_tiles = 0;
 };
 std::vector<SavedLayer> SavedLayersOf(const MapSnapshot& map);
 

@@ -19,6 +19,7 @@ constexpr size_t kFingerprintBytes = 8;
 // Sensors that look this far out of the horizontal plane make no planar map.
 constexpr double kMaxTilt_rad = 10 * std::numbers::pi / 180;
 constexpr size_t kMaxNameBytes = 256;
+constexpr size_t kRequestHeadBytes = 4 * 8;
 constexpr int kMaxPulledNodes = 1000;  // of what followers ask for at once, several times
 constexpr int64_t kMaxUtime = int64_t{230} * 365 * 86'400 * 1'000'000;
 
@@ -71,6 +72,13 @@ uint64_t BigEndian64(absl::Span<const uint8_t> bytes) {
 void SkipLayerEpoch(SizeWalk& walk) {
   walk.String();  // name
   walk.Skip(3 * 8 + 2 * 1);
+}
+
+void SkipReplyHead(SizeWalk& walk) {
+  walk.Skip(8);   // id
+  walk.String();  // name
+  walk.Skip(3 * 8 + 4);
+  walk.String();  // status_text
 }
 
 bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
@@ -134,6 +142,66 @@ bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
     case MessageType::kLayerPull:
       SkipLayerEpoch(walk);
       walk.Skip(3 * 4 * walk.Count());  // nodes
+      break;
+    case MessageType::kPointsRequest:
+      walk.Skip(kRequestHeadBytes + 1);
+      walk.Skip(2 * 8 * walk.Count());  // points
+      break;
+    case MessageType::kPointsReply:
+      SkipReplyHead(walk);
+      walk.Skip((3 * 8 + 1) * walk.Count());  // points
+      walk.Skip(3 * 8 * walk.Count());        // hessians
+      break;
+    case MessageType::kRaysRequest:
+      walk.Skip(kRequestHeadBytes + 8 + 1);
+      walk.Skip(4 * 8 * walk.Count());  // rays
+      break;
+    case MessageType::kRaysReply:
+      SkipReplyHead(walk);
+      walk.Skip((1 + 8) * walk.Count());  // rays
+      break;
+    case MessageType::kSweepsRequest:
+      walk.Skip(kRequestHeadBytes + 8 + 1);
+      for (size_t left = walk.Count(); walk.fits() && left > 0; --left) {
+        walk.Skip(8);
+        walk.Skip(2 * 8 * walk.Count());  // vertices
+      }
+      break;
+    case MessageType::kSweepsReply:
+      SkipReplyHead(walk);
+      walk.Skip((2 + 3 * 8) * walk.Count());  // sweeps
+      break;
+    case MessageType::kRasterRequest:
+      walk.Skip(kRequestHeadBytes + 3 * 8 + 4 * 4);
+      break;
+    case MessageType::kRasterReply:
+      SkipReplyHead(walk);
+      walk.Skip(2 * walk.Count());  // cells
+      break;
+    case MessageType::kLikelihoodsRequest:
+      walk.Skip(kRequestHeadBytes);
+      walk.Skip(2 * 8 * walk.Count());  // hits
+      walk.Skip(3 * 8 * walk.Count());  // poses
+      break;
+    case MessageType::kLikelihoodsReply:
+      SkipReplyHead(walk);
+      walk.Skip(8 * walk.Count());  // poses
+      break;
+    case MessageType::kDistancesRequest:
+      walk.Skip(kRequestHeadBytes + 2 * 8);
+      walk.Skip(2 * 8 * walk.Count());  // points
+      break;
+    case MessageType::kDistancesReply:
+      SkipReplyHead(walk);
+      walk.Skip(3 * 8 * walk.Count());  // points
+      break;
+    case MessageType::kCommandRequest:
+      walk.Skip(kRequestHeadBytes);
+      walk.String();  // command
+      walk.Skip(8);
+      break;
+    case MessageType::kCommandReply:
+      SkipReplyHead(walk);
       break;
   }
   return walk.AtEnd();
@@ -224,11 +292,60 @@ std::optional<MessageType> TypeOfFingerprint(uint64_t fingerprint) {
   if (hash == layer_updates_t::getHash()) return MessageType::kLayerUpdates;
   if (hash == layer_listing_t::getHash()) return MessageType::kLayerListing;
   if (hash == layer_pull_t::getHash()) return MessageType::kLayerPull;
+  if (hash == points_request_t::getHash()) return MessageType::kPointsRequest;
+  if (hash == points_reply_t::getHash()) return MessageType::kPointsReply;
+  if (hash == rays_request_t::getHash()) return MessageType::kRaysRequest;
+  if (hash == rays_reply_t::getHash()) return MessageType::kRaysReply;
+  if (hash == sweeps_request_t::getHash()) return MessageType::kSweepsRequest;
+  if (hash == sweeps_reply_t::getHash()) return MessageType::kSweepsReply;
+  if (hash == raster_request_t::getHash()) return MessageType::kRasterRequest;
+  if (hash == raster_reply_t::getHash()) return MessageType::kRasterReply;
+  if (hash == likelihoods_request_t::getHash()) return MessageType::kLikelihoodsRequest;
+  if (hash == likelihoods_reply_t::getHash()) return MessageType::kLikelihoodsReply;
+  if (hash == distances_request_t::getHash()) return MessageType::kDistancesRequest;
+  if (hash == distances_reply_t::getHash()) return MessageType::kDistancesReply;
+  if (hash == command_request_t::getHash()) return MessageType::kCommandRequest;
+  if (hash == command_reply_t::getHash()) return MessageType::kCommandReply;
   return std::nullopt;
+}
+
+bool IsRequest(std::optional<MessageType> type) {
+  switch (type.value_or(MessageType::kStatus)) {
+    case MessageType::kPointsRequest:
+    case MessageType::kRaysRequest:
+    case MessageType::kSweepsRequest:
+    case MessageType::kRasterRequest:
+    case MessageType::kLikelihoodsRequest:
+    case MessageType::kDistancesRequest:
+    case MessageType::kCommandRequest:
+      return true;
+    default:
+      return false;
+  }
+}
+
+bool IsReply(std::optional<MessageType> type) {
+  switch (type.value_or(MessageType::kStatus)) {
+    case MessageType::kPointsReply:
+    case MessageType::kRaysReply:
+    case MessageType::kSweepsReply:
+    case MessageType::kRasterReply:
+    case MessageType::kLikelihoodsReply:
+    case MessageType::kDistancesReply:
+    case MessageType::kCommandReply:
+      return true;
+    default:
+      return false;
+  }
 }
 
 absl::Status UnknownType(absl::Span<const uint8_t> message, const std::string& expected) {
   return InvalidArgument("{}; {}", Describe(message), expected);
+}
+
+// LCM ends strings at a 0, but not their size.
+bool IsShortText(const std::string& name) {
+  return !name.empty() && name.size() <= kMaxNameBytes && name.find('\0') == std::string::npos;
 }
 
 // For channels that take one type.
@@ -239,9 +356,8 @@ absl::StatusOr<Message> DecodeOnly(MessageType type, absl::Span<const uint8_t> m
   }
   SPLINEMAP_ASSIGN_OR_RETURN(Message decoded, Decode<Message>(type, message));
   if constexpr (requires { decoded.layer; }) {
-    // Followers send the name on. LCM ends strings at a 0, but not their size.
-    const std::string& name = decoded.layer.name;
-    if (name.empty() || name.size() > kMaxNameBytes || name.find('\0') != std::string::npos) {
+    // Followers send the name on.
+    if (!IsShortText(decoded.layer.name)) {
       return InvalidArgument("{} of a layer whose name is empty, long or not text", TypeName(type));
     }
   }
@@ -272,6 +388,34 @@ const char* TypeName(MessageType type) {
       return "splinemap.layer_listing_t";
     case MessageType::kLayerPull:
       return "splinemap.layer_pull_t";
+    case MessageType::kPointsRequest:
+      return "splinemap.points_request_t";
+    case MessageType::kPointsReply:
+      return "splinemap.points_reply_t";
+    case MessageType::kRaysRequest:
+      return "splinemap.rays_request_t";
+    case MessageType::kRaysReply:
+      return "splinemap.rays_reply_t";
+    case MessageType::kSweepsRequest:
+      return "splinemap.sweeps_request_t";
+    case MessageType::kSweepsReply:
+      return "splinemap.sweeps_reply_t";
+    case MessageType::kRasterRequest:
+      return "splinemap.raster_request_t";
+    case MessageType::kRasterReply:
+      return "splinemap.raster_reply_t";
+    case MessageType::kLikelihoodsRequest:
+      return "splinemap.likelihoods_request_t";
+    case MessageType::kLikelihoodsReply:
+      return "splinemap.likelihoods_reply_t";
+    case MessageType::kDistancesRequest:
+      return "splinemap.distances_request_t";
+    case MessageType::kDistancesReply:
+      return "splinemap.distances_reply_t";
+    case MessageType::kCommandRequest:
+      return "splinemap.command_request_t";
+    case MessageType::kCommandReply:
+      return "splinemap.command_reply_t";
   }
   return "unknown";
 }
@@ -394,6 +538,52 @@ absl::StatusOr<layer_pull_t> DecodeLayerPull(absl::Span<const uint8_t> message) 
                            kMaxPulledNodes);
   }
   return pull;
+}
+
+template <typename Message>
+absl::StatusOr<Message> DecodeRpc(absl::Span<const uint8_t> message) {
+  const MessageType type = *TypeOfFingerprint(static_cast<uint64_t>(Message::getHash()));
+  SPLINEMAP_ASSIGN_OR_RETURN(Message decoded, DecodeOnly<Message>(type, message));
+  if constexpr (requires { decoded.head.name; }) {
+    if (!IsShortText(decoded.head.name)) {
+      return InvalidArgument("{} of a robot whose name is empty, long or not text", TypeName(type));
+    }
+  }
+  return decoded;
+}
+template absl::StatusOr<points_request_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<points_reply_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<rays_request_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<rays_reply_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<sweeps_request_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<sweeps_reply_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<raster_request_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<raster_reply_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<likelihoods_request_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<likelihoods_reply_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<distances_request_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<distances_reply_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<command_request_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<command_reply_t> DecodeRpc(absl::Span<const uint8_t>);
+
+std::optional<request_t> RequestHeadOf(absl::Span<const uint8_t> message) {
+  if (!IsRequest(TypeOf(message)) || message.size() < kFingerprintBytes + kRequestHeadBytes) {
+    return std::nullopt;
+  }
+  const auto number = [&](size_t index) {
+    return static_cast<int64_t>(BigEndian64(message.subspan(kFingerprintBytes + 8 * index)));
+  };
+  request_t head;
+  head.client = number(0);
+  head.id = number(1);
+  head.query = number(2);
+  head.daemon_nonce = number(3);
+  return head;
+}
+
+std::optional<int64_t> ReplyIdOf(absl::Span<const uint8_t> message) {
+  if (!IsReply(TypeOf(message)) || message.size() < kFingerprintBytes + 8) return std::nullopt;
+  return static_cast<int64_t>(BigEndian64(message.subspan(kFingerprintBytes)));
 }
 
 }  // namespace splinemap

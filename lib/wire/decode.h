@@ -6,11 +6,25 @@
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "lcmtypes/splinemap/command_reply_t.hpp"
+#include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/distances_reply_t.hpp"
+#include "lcmtypes/splinemap/distances_request_t.hpp"
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/likelihoods_reply_t.hpp"
+#include "lcmtypes/splinemap/likelihoods_request_t.hpp"
+#include "lcmtypes/splinemap/points_reply_t.hpp"
+#include "lcmtypes/splinemap/points_request_t.hpp"
+#include "lcmtypes/splinemap/raster_reply_t.hpp"
+#include "lcmtypes/splinemap/raster_request_t.hpp"
+#include "lcmtypes/splinemap/rays_reply_t.hpp"
+#include "lcmtypes/splinemap/rays_request_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
+#include "lcmtypes/splinemap/sweeps_reply_t.hpp"
+#include "lcmtypes/splinemap/sweeps_request_t.hpp"
 #include "lib/sensing/pose_buffer.h"
 #include "lib/sensing/scan.h"
 #include "lib/sensing/sensor_options.h"
@@ -29,7 +43,21 @@ enum class MessageType {
   kLayerDigest,
   kLayerUpdates,
   kLayerListing,
-  kLayerPull
+  kLayerPull,
+  kPointsRequest,
+  kPointsReply,
+  kRaysRequest,
+  kRaysReply,
+  kSweepsRequest,
+  kSweepsReply,
+  kRasterRequest,
+  kRasterReply,
+  kLikelihoodsRequest,
+  kLikelihoodsReply,
+  kDistancesRequest,
+  kDistancesReply,
+  kCommandRequest,
+  kCommandReply
 };
 
 // As users know it: "bot_core.planar_lidar_t", ...
@@ -65,5 +93,13 @@ absl::StatusOr<layer_digest_t> DecodeLayerDigest(absl::Span<const uint8_t> messa
 absl::StatusOr<layer_updates_t> DecodeLayerUpdates(absl::Span<const uint8_t> message);
 absl::StatusOr<layer_listing_t> DecodeLayerListing(absl::Span<const uint8_t> message);
 absl::StatusOr<layer_pull_t> DecodeLayerPull(absl::Span<const uint8_t> message);
+// What clients ask and daemons reply; see lib/rpc for what it means. Specialized for each
+// .._request_t and .._reply_t above.
+template <typename Message>
+absl::StatusOr<Message> DecodeRpc(absl::Span<const uint8_t> message);
+// The head of a request of any type, without decoding the rest; nothing for what is no request.
+std::optional<request_t> RequestHeadOf(absl::Span<const uint8_t> message);
+// What the head of a reply of any type begins with; nothing for what is no reply.
+std::optional<int64_t> ReplyIdOf(absl::Span<const uint8_t> message);
 
 }  // namespace splinemap

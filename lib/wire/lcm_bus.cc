@@ -73,6 +73,11 @@ int64_t LcmBus::FailedHandlers() { return failed_handlers; }
 // Also what makes every program with a bus link the guard in udp_sockets.cc.
 int64_t LcmBus::LostDatagrams() { return CountLostDatagrams(); }
 
+void LcmBus::PublishBytes(const std::string& channel, absl::Span<const uint8_t> message) {
+  MutexLock lock(publish_mutex_);
+  lcm_.publish(channel, message.data(), static_cast<unsigned>(message.size()));
+}
+
 LcmBus::Handled LcmBus::Handle(std::chrono::milliseconds timeout) {
   const int result = lcm_.handleTimeout(static_cast<int>(timeout.count()));
   if (result > 0) return Handled::kMessage;

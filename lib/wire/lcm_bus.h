@@ -45,6 +45,8 @@ class LcmBus {
     MutexLock lock(publish_mutex_);
     lcm_.publish(channel, &message);
   }
+  // A message that is encoded already.
+  void PublishBytes(const std::string& channel, absl::Span<const uint8_t> message);
 
  private:
   explicit LcmBus(const std::string& url) : lcm_(url) {}

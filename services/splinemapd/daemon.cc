@@ -91,10 +91,33 @@ void Daemon::Serve() {
   bus_->Subscribe(
       config_.channel_prefix() + "_DIGESTS",
       [this](const std::string&, absl::Span<const uint8_t> message) { LookAtDigest(message); });
-  server_ =
-      std::make_unique<LayerServer>(*bus_, config_.channel_prefix(), options, own_layer_, [this] {
-        MutexLock lock(mutex_);
-        return state_.map;
+  for (const std::string& channel : QueryServer::Channels(config_.channel_prefix())) {
+    bus_->Subscribe(channel, [this](const std::string&, absl::Span<const uint8_t> message) {
+      queries_->TakeRequest(message);
+    });
+  }
+  bus_->Subscribe(config_.channel_prefix() + kCommandChannel,
+                  [this](const std::string&, absl::Span<const uint8_t> message) {
+                    commands_->TakeRequest(message);
+                  });
+  const auto take_snapshot = [this] {
+    MutexLock lock(mutex_);
+    return state_.map;
+  };
+  server_ = std::make_unique<LayerServer>(*bus_, config_.channel_prefix(), options, own_layer_,
+                                          take_snapshot);
+  const Replier replier{
+      .channel_prefix = config_.channel_prefix(),
+      .daemon_nonce = RandomId(),
+      .layer = own_layer_,
+      .take_snapshot = take_snapshot,
+      .send = [this](const std::string& channel, absl::Span<const uint8_t> reply) {
+        bus_->PublishBytes(channel, reply);
+      }};
+  queries_ = std::make_unique<QueryServer>(replier);
+  commands_ = std::make_unique<CommandServer>(
+      replier, service.remote_commands(), [this](const std::string& command, uint64_t incarnation) {
+        return Do(command, incarnation);
       });
 }
 
@@ -145,7 +168,7 @@ void Daemon::LookAtIdentity() {
     next = identity_.Next(own, now, RandomId());
   }
   if (!next) return;
-  if (const absl::Status begun = BeginLife(next->life); !begun.ok()) {
+  if (const absl::Status begun = BeginLife(next->life, /*is_empty=*/false); !begun.ok()) {
     Report({.subject = "identity",
             .text = "another start of this layer is on the bus, and no new one can be saved: " +
                     ErrorText(begun)});
@@ -165,19 +188,73 @@ void Daemon::LookAtIdentity() {
 }
 
 // On disk first, so that no later start takes the same life.
-absl::Status Daemon::BeginLife(const LayerLife& life) {
+absl::Status Daemon::BeginLife(const LayerLife& life, bool is_empty) {
   MutexLock lock(file_mutex_);
   MapSnapshot map = *map_->Snapshot();
   map.layers[own_layer_].id = life.id;
   map.layers[own_layer_].epoch = life.epoch;
+  if (is_empty) {
+    map.layers[own_layer_].tiles = {};
+    ++map.layers[own_layer_].revision;
+  }
   SPLINEMAP_RETURN_IF_ERROR(file_.Save(map));
   {
     MutexLock state_lock(mutex_);
     former_life_ = {state_.map->layers[own_layer_].id, state_.map->layers[own_layer_].epoch, {}};
   }
-  map_->layer(own_layer_).BeginLife(life.id, life.epoch);
+  if (is_empty) {
+    map_->layer(own_layer_).BeginEmptyLife(life.epoch);
+  } else {
+    map_->layer(own_layer_).BeginLife(life.id, life.epoch);
+  }
   ShowState();
   return absl::OkStatus();
+}
+
+absl::Status Daemon::Do(const std::string& command, uint64_t incarnation) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckIncarnation(incarnation));
+  if (command == "save") return Save();
+  if (command != "clear") {
+    return InvalidArgument("no such command: {}; there are save and clear",
+                           absl::Utf8SafeCHexEscape(command.substr(0, 20)));
+  }
+  return DoWhereMapped([this, incarnation]() -> absl::Status {
+    SPLINEMAP_RETURN_IF_ERROR(CheckIncarnation(incarnation));
+    LayerLife life = OwnLife();
+    life.epoch = {life.epoch.incarnation + 1, RandomId()};
+    SPLINEMAP_RETURN_IF_ERROR(BeginLife(life, /*is_empty=*/true));
+    Report({.is_problem = false,
+            .subject = "clear",
+            .text = fmt::format("a client cleared the map; it goes on as start {}",
+                                life.epoch.incarnation)});
+    return absl::OkStatus();
+  });
+}
+
+absl::Status Daemon::CheckIncarnation(uint64_t incarnation) {
+  const uint64_t own = OwnLife().epoch.incarnation;
+  if (own == incarnation) return absl::OkStatus();
+  return FailedPrecondition("the command is for start {} of the layer, which is in start {}",
+                            incarnation, own);
+}
+
+absl::Status Daemon::DoWhereMapped(std::function<absl::Status()> errand) {
+  std::future<absl::Status> done;
+  {
+    MutexLock lock(mutex_);
+    errand_ = std::packaged_task<absl::Status()>(std::move(errand));
+    done = errand_.get_future();
+  }
+  return done.get();
+}
+
+void Daemon::RunErrand() {
+  std::packaged_task<absl::Status()> errand;
+  {
+    MutexLock lock(mutex_);
+    errand.swap(errand_);
+  }
+  if (errand.valid()) errand();
 }
 
 Daemon::Daemon(const config::Config& config, std::unique_ptr<LcmBus> bus, MapFile file)
@@ -277,6 +354,7 @@ void Daemon::MapMessages(const std::stop_token& stop) {
     const auto message = ingest_.Pop(is_shown && !stopping ? kPatience : milliseconds(0));
     if (message) MapOne(*message);
     LookAtIdentity();
+    RunErrand();
     is_shown = is_shown && !message;
     if (!is_shown && (!message || Clock::now() - last_shown > kShowInterval)) {
       ShowState();
@@ -412,6 +490,7 @@ void Daemon::LookAround() {
     }
   }
   LookForLosses();
+  if (queries_) LookAtQueries();
 }
 
 void Daemon::LookForLosses() {
@@ -429,6 +508,26 @@ void Daemon::LookForLosses() {
             .text = fmt::format("dropped {} {}: {}", more, DropName(DropReason::kOverload),
                                 DropExplanation(DropReason::kOverload)),
             .times = more});
+  }
+}
+
+void Daemon::LookAtQueries() {
+  const QueryServer::Counts counts = queries_->counts();
+  const int64_t refused = counts.refused - noticed_queries_.refused;
+  const int64_t malformed = counts.malformed - noticed_queries_.malformed;
+  noticed_queries_ = counts;
+  if (refused > 0) {
+    Report({.subject = "refused requests",
+            .text = fmt::format("refused {} requests of clients that ask more than can be answered",
+                                refused),
+            .times = refused});
+  }
+  if (malformed > 0) {
+    Report({.subject = "malformed requests",
+            .text = fmt::format("ignored {} messages on channels of requests that are damaged or "
+                                "of another type",
+                                malformed),
+            .times = malformed});
   }
 }
 
@@ -497,10 +596,14 @@ status_t Daemon::Status() {
 absl::Status Daemon::Stop() {
   if (!receiving_.joinable()) return absl::OkStatus();
   // In the order of the data, so that each thread gets all that the one before has left.
-  for (std::jthread* thread : {&receiving_, &mapping_, &saving_}) {
+  receiving_.request_stop();
+  receiving_.join();
+  commands_.reset();  // which may wait for the mapping thread
+  for (std::jthread* thread : {&mapping_, &saving_}) {
     thread->request_stop();
     thread->join();
   }
+  queries_.reset();
   if (const absl::Status saved = Save(); !saved.ok()) {
     const status_t status = Status();
     return Unavailable("{}; the last {} of {} commits to the map are lost", ErrorText(saved),

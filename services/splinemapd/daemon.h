@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdint>
 #include <deque>
+#include <future>
 #include <memory>
 #include <optional>
 #include <set>
@@ -22,16 +23,18 @@
 #include "lib/replication/protocol.h"
 #include "lib/store/map_file.h"
 #include "lib/wire/lcm_bus.h"
+#include "services/splinemapd/command_server.h"
 #include "services/splinemapd/host_clock_watch.h"
 #include "services/splinemapd/ingest_queue.h"
 #include "services/splinemapd/layer_server.h"
 #include "services/splinemapd/notice_limiter.h"
+#include "services/splinemapd/query_server.h"
 #include "services/splinemapd/silence_watch.h"
 
 namespace splinemap {
 
-// The mapping daemon: one thread receives, one maps, one saves, one serves followers. The caller's
-// thread publishes status.
+// The mapping daemon: one thread receives, one maps, one saves, one serves followers, one
+// answers queries, one does what clients command. The caller's thread publishes status.
 class Daemon {
  public:
   // Opens the map file and begins to map what comes on `bus`. The new incarnation of the layer is
@@ -76,7 +79,12 @@ class Daemon {
   void LookAtPull(absl::Span<const uint8_t> message);
   LayerLife OwnLife();
   void LookAtIdentity();
-  absl::Status BeginLife(const LayerLife& life);
+  absl::Status BeginLife(const LayerLife& life, bool is_empty);
+  absl::Status Do(const std::string& command, uint64_t incarnation);
+  absl::Status CheckIncarnation(uint64_t incarnation);
+  // Between two messages, in the mapping thread.
+  absl::Status DoWhereMapped(std::function<absl::Status()> errand);
+  void RunErrand();
 
   void Receive(const std::stop_token& stop);
   void MapMessages(const std::stop_token& stop);
@@ -88,6 +96,7 @@ class Daemon {
   void Find(Symptom symptom, const std::string& subject, std::string text, int64_t times = 1);
   void LookAround();
   void LookForLosses();
+  void LookAtQueries();
   void SaveNowAndThen(const std::stop_token& stop);
   absl::Status Save();
   int64_t DroppedByOverload() const;
@@ -115,6 +124,7 @@ class Daemon {
   std::set<std::string> extrinsics_channels_;
   int64_t lost_datagrams_ = 0;
   int64_t dropped_by_overload_ = 0;
+  QueryServer::Counts noticed_queries_;
 
   // By channel of the mapper: messages received. Written by the receiving thread.
   std::deque<std::atomic<int64_t>> heard_;
@@ -125,7 +135,11 @@ class Daemon {
   IdentityWatch identity_ ABSL_GUARDED_BY(mutex_);
   LayerLife former_life_ ABSL_GUARDED_BY(mutex_);  // whose last messages are still under way
 
+  std::packaged_task<absl::Status()> errand_ ABSL_GUARDED_BY(mutex_);
+
   std::unique_ptr<LayerServer> server_;
+  std::unique_ptr<QueryServer> queries_;
+  std::unique_ptr<CommandServer> commands_;
   std::jthread saving_;
   std::jthread mapping_;
   std::jthread receiving_;

@@ -22,6 +22,7 @@ struct Flags {
   InputFlags input;
   std::string lcm_url;
   std::string map;
+  bool no_remote_commands = false;
   bool check_config = false;
   bool print_config = false;
 };
@@ -42,6 +43,8 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_option("--map", flags.map, "Map file (default: NAME.splinemap)")->type_name("FILE");
   app.add_option("--lcm-url", flags.lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
       ->type_name("URL");
+  app.add_flag("--no-remote-commands", flags.no_remote_commands,
+               "Refuse to save or clear the map when a client on the bus says so");
   app.add_flag("--check-config", flags.check_config, "Check flags and configuration, and end");
   app.add_flag("--print-config", flags.print_config,
                "Print the configuration with every option explained, and end");
@@ -51,6 +54,7 @@ absl::StatusOr<config::Config> ConfigOf(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(config::Config config, splinemap::ConfigOf(flags.input));
   if (!flags.map.empty()) config.set_map(flags.map);
   if (!flags.lcm_url.empty()) config.set_lcm_url(flags.lcm_url);
+  if (flags.no_remote_commands) config.mutable_service()->set_remote_commands(false);
   return config;
 }
 

@@ -20,6 +20,7 @@
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/logs/lcm_log.h"
 #include "lib/map/tile_update.h"
+#include "lib/rpc/messages.h"
 #include "lib/store/map_file.h"
 #include "lib/wire/encode.h"
 #include "tests/fuzz/fuzz.h"
@@ -106,6 +107,7 @@ class CorpusMaker {
     status.problem_counts = {3};
     WriteMessage("status/problem", 0, status);
     LayerMessages();
+    RpcMessages();
   }
 
   void LayerMessages() {
@@ -157,6 +159,57 @@ class CorpusMaker {
     pull.xs = {-1, 0};
     pull.ys = {3, -1};
     WriteMessage("layer_pull/tile_and_node", 0, pull);
+  }
+
+  template <typename Query>
+  void WriteRequest(const std::string& name, const Query& query, size_t size) {
+    auto request = ToMessage(query, {0, size});
+    request.head.client = 1;
+    request.head.id = 2;
+    WriteMessage(name, 1, request);
+  }
+  template <typename Answer>
+  void WriteReply(const std::string& name, const Answer& answer, uint8_t asked) {
+    auto reply = ToMessage(answer);
+    reply.head.name = "robot";
+    WriteMessage(name, asked, reply);
+  }
+
+  void RpcMessages() {
+    const std::vector<Eigen::Vector2d> points_m{{0.1, 0.2}, {-1, 0.5}};
+    WriteRequest("points_request/two", PointsQuery{points_m, true}, 2);
+    WriteRequest("points_request/none", PointsQuery{}, 0);
+    WriteRequest("rays_request/two", RaysQuery{{{{0, 0}, 1, 2}, {{1, 1}, -2, 30}}}, 2);
+    WriteRequest("rays_request/passing", RaysQuery{{{{0, 0}, 1, 2}}, 0.5, Unknown::kPasses}, 1);
+    WriteRequest("sweeps_request/two", SweepsQuery{{{points_m, 0.2}, {{{1, 1}}, 0}}}, 2);
+    WriteRequest("raster_request/part", RasterQuery{{-1, -1}, 0.1, 20, 30}, 50);
+    WriteRequest("likelihoods_request/two", LikelihoodsQuery{points_m, {{}, {{1, 1}, 2}}}, 2);
+    WriteRequest("distances_request/two", DistancesQuery{points_m}, 2);
+
+    PointsQuery::Answer points;
+    points.samples.resize(2);
+    WriteReply("points_reply/two", points, 4);
+    points.hessians_per_m2.resize(2);
+    WriteReply("points_reply/hessians", points, 3);
+    WriteReply("rays_reply/two", RaysQuery::Answer{1, {{Occupancy::kOccupied, 2}, {}}}, 4);
+    SweepsQuery::Answer sweeps;
+    sweeps.results.resize(2);
+    WriteReply("sweeps_reply/two", sweeps, 4);
+    WriteReply("raster_reply/three", RasterQuery::Answer{1, {0, 1, -5}}, 6);
+    WriteReply("likelihoods_reply/two", LikelihoodsQuery::Answer{1, {-1, -2.5}}, 4);
+    DistancesQuery::Answer distances;
+    distances.distances.resize(2);
+    WriteReply("distances_reply/two", distances, 4);
+
+    command_request_t command{};
+    command.command = "clear";
+    command.incarnation = 3;
+    WriteMessage("command_request/clear", 0, command);
+    command_reply_t reply{};
+    reply.head.name = "robot";
+    reply.head.status = 9;
+    reply.head.status_text = "the command is for start 3";
+    WriteMessage("command_reply/refused", 0, reply);
   }
 
   void Tiles() {

@@ -11,6 +11,7 @@
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/wire/decode.h"
 #include "tests/fuzz/fuzz.h"
+#include "tests/fuzz/messages.h"
 
 namespace splinemap {
 namespace {
@@ -31,16 +32,6 @@ SensorOptions OptionsOf(uint8_t choice) {
     options.mount.is_upside_down = true;
   }
   return options;
-}
-
-std::vector<uint8_t> MessageOf(int64_t hash, absl::Span<const uint8_t> fields) {
-  const auto fingerprint = static_cast<uint64_t>(hash);
-  std::vector<uint8_t> message;
-  for (int shift = 56; shift >= 0; shift -= 8) {
-    message.push_back(static_cast<uint8_t>(fingerprint >> shift));
-  }
-  message.insert(message.end(), fields.begin(), fields.end());
-  return message;
 }
 
 void Use(const std::vector<uint8_t>& message, const SensorOptions& options) {

@@ -113,6 +113,16 @@ Message ScanOfRoom(const Pose2& room_T_sensor, Utime utime, bool is_planar) {
 
 }  // namespace
 
+std::vector<uint8_t> MessageOf(int64_t hash, absl::Span<const uint8_t> fields) {
+  const auto fingerprint = static_cast<uint64_t>(hash);
+  std::vector<uint8_t> message;
+  for (int shift = 56; shift >= 0; shift -= 8) {
+    message.push_back(static_cast<uint8_t>(fingerprint >> shift));
+  }
+  message.insert(message.end(), fields.begin(), fields.end());
+  return message;
+}
+
 Utime TakeUtime(FuzzInput& input, Utime& clock) {
   const auto step = static_cast<int8_t>(input.Byte());
   if (step == -128) return Utime(input.Take<int64_t>());

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "absl/functional/function_ref.h"
 #include "absl/types/span.h"
@@ -8,6 +9,9 @@
 #include "tests/fuzz/fuzz.h"
 
 namespace splinemap {
+
+// The message of a type, by its hash, whose fields are these bytes.
+std::vector<uint8_t> MessageOf(int64_t hash, absl::Span<const uint8_t> fields);
 
 // Takes a step of message time: mostly some multiple of 10 ms, and rarely any time at all, which
 // `clock` does not keep.

@@ -225,6 +225,8 @@ expect 0 splinemap diff room.splinemap killed.splinemap
 # the daemon's configuration
 expect 0 splinemapd --scan LASER --pose POSE --print-config
 cmp out "$top/deploy/config/splinemapd.textproto" || fail "the shipped configuration is out of date"
+expect 0 splinemapd --scan LASER --pose POSE --no-remote-commands --print-config
+expect_text "  remote_commands: false" out
 expect 0 splinemapd --config "$top/deploy/config/splinemapd.textproto" --check-config
 expect 2 splinemapd
 expect_text "--scan" err

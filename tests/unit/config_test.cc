@@ -188,8 +188,10 @@ TEST(CheckConfigTest, NamesAndChannelsHaveToFitFilesAndLcm) {
   EXPECT_FALSE(CheckConfig(config).ok());
   config.mutable_scan(0)->set_channel(std::string(63, 'A'));
   EXPECT_TRUE(CheckConfig(config).ok());
-  config.set_channel_prefix(std::string(60, 'A'));
-  EXPECT_FALSE(CheckConfig(config).ok());
+  config.set_channel_prefix(std::string(39, 'A'));
+  EXPECT_FALSE(CheckConfig(config).ok()) << "_REPLIES_ and 16 digits";
+  config.set_channel_prefix(std::string(38, 'A'));
+  EXPECT_TRUE(CheckConfig(config).ok());
 }
 
 TEST(CheckConfigTest, RefusesWhatCannotWork) {

@@ -66,13 +66,50 @@ status_t Status() {
   return status;
 }
 
+sweeps_request_t Sweeps() {
+  sweeps_request_t request{};
+  request.head.client = 1;
+  request.head.id = 2;
+  request.head.query = 3;
+  request.head.daemon_nonce = -4;
+  request.num_sweeps = 2;
+  request.sweeps.resize(2);
+  for (sweep_t& sweep : request.sweeps) {
+    sweep.radius_m = 0.5;
+    sweep.num_vertices = 1;
+    sweep.x_m = {1};
+    sweep.y_m = {2};
+  }
+  return request;
+}
+
+points_reply_t PointsReply() {
+  points_reply_t reply{};
+  reply.head.id = 7;
+  reply.head.name = "robot";
+  reply.num_points = 1;
+  reply.log_odds = reply.gradient_x_per_m = reply.gradient_y_per_m = {1};
+  reply.known = {1};
+  reply.num_hessians = 1;
+  reply.hessian_xx_per_m2 = reply.hessian_xy_per_m2 = reply.hessian_yy_per_m2 = {1};
+  return reply;
+}
+
+likelihoods_request_t Likelihoods() {
+  likelihoods_request_t request{};
+  request.num_hits = request.num_poses = 1;
+  request.hit_x_m = request.hit_y_m = request.x_m = request.y_m = request.yaw_rad = {1};
+  return request;
+}
+
 std::vector<std::vector<uint8_t>> OneOfEach() {
   bot_core::planar_lidar_t planar = PlanarLidarMessage(Utime(1), {1, 2, 3}, -1, 0.5);
   planar.nintensities = 1;  // may differ from nranges
   planar.intensities = {9};
   michigan::pose_xyt_t pose{};
-  return {Encode(planar), Encode(MichiganScan()), Encode(PoseMessage({Utime(1), {}})),
-          Encode(pose),   Encode(Turned(2, 1)),   Encode(Status())};
+  return {Encode(planar),   Encode(MichiganScan()), Encode(PoseMessage({Utime(1), {}})),
+          Encode(pose),     Encode(Turned(2, 1)),   Encode(Status()),
+          Encode(Sweeps()), Encode(PointsReply()),  Encode(Likelihoods())};
 }
 
 // Whatever the bytes: no crash, no exception, no memory beyond their size.
@@ -81,6 +118,9 @@ void DecodeAll(const std::vector<uint8_t>& bytes) {
   (void)DecodePose(bytes);
   (void)DecodeSensorMount(bytes);
   (void)DecodeStatus(bytes);
+  (void)DecodeRpc<sweeps_request_t>(bytes);
+  (void)DecodeRpc<points_reply_t>(bytes);
+  (void)DecodeRpc<likelihoods_request_t>(bytes);
 }
 
 TEST(DecodeTest, FingerprintsAreThoseInUse) {
@@ -184,12 +224,16 @@ TEST(DecodeTest, EveryTruncationAndTrailingByteIsRefused) {
     for (size_t size = 0; size < whole.size(); ++size) {
       const std::vector<uint8_t> part(whole.begin(), whole.begin() + size);
       EXPECT_FALSE(DecodeScan(part).ok() || DecodePose(part).ok() || DecodeSensorMount(part).ok() ||
-                   DecodeStatus(part).ok());
+                   DecodeStatus(part).ok() || DecodeRpc<sweeps_request_t>(part).ok() ||
+                   DecodeRpc<points_reply_t>(part).ok() ||
+                   DecodeRpc<likelihoods_request_t>(part).ok());
     }
     std::vector<uint8_t> longer = whole;
     longer.push_back(0);
-    EXPECT_FALSE(DecodeScan(longer).ok() || DecodePose(longer).ok() ||
-                 DecodeSensorMount(longer).ok() || DecodeStatus(longer).ok());
+    EXPECT_FALSE(
+        DecodeScan(longer).ok() || DecodePose(longer).ok() || DecodeSensorMount(longer).ok() ||
+        DecodeStatus(longer).ok() || DecodeRpc<sweeps_request_t>(longer).ok() ||
+        DecodeRpc<points_reply_t>(longer).ok() || DecodeRpc<likelihoods_request_t>(longer).ok());
   }
 }
 
@@ -223,7 +267,7 @@ TEST(DecodeTest, AStringOfNoLengthIsRefused) {
 TEST(DecodeTest, RandomBytesBehindARealFingerprintDoNoHarm) {
   std::mt19937_64 random(1);
   for (int n = 0; n < 20'000; ++n) {
-    std::vector<uint8_t> bytes = OneOfEach()[n % 6];
+    std::vector<uint8_t> bytes = OneOfEach()[n % 9];
     for (int flips = 0; flips < 5; ++flips) {
       bytes[8 + random() % (bytes.size() - 8)] = static_cast<uint8_t>(random());
     }
@@ -287,6 +331,26 @@ TEST(DecodeTest, UpdatesOfLayersAreWholeOrRefused) {
   claims_more[bytes.size() - 7] = 0x7f;  // of the last content
   EXPECT_FALSE(DecodeLayerUpdates(claims_more).ok());
   EXPECT_FALSE(DecodeLayerPull(bytes).ok());
+}
+
+TEST(DecodeTest, HeadsOfRequestsAndRepliesAreReadWithoutTheRest) {
+  const std::vector<uint8_t> request = Encode(Sweeps());
+  const auto head = RequestHeadOf({request.data(), 40});
+  ASSERT_TRUE(head.has_value());
+  EXPECT_EQ(head->client, 1);
+  EXPECT_EQ(head->id, 2);
+  EXPECT_EQ(head->query, 3);
+  EXPECT_EQ(head->daemon_nonce, -4);
+  EXPECT_FALSE(RequestHeadOf({request.data(), 39}).has_value());
+  EXPECT_FALSE(ReplyIdOf(request).has_value());
+  const std::vector<uint8_t> reply = Encode(PointsReply());
+  EXPECT_EQ(ReplyIdOf(reply), 7);
+  EXPECT_FALSE(ReplyIdOf({reply.data(), 15}).has_value());
+  EXPECT_FALSE(RequestHeadOf(reply).has_value());
+  const auto sweeps = DecodeRpc<sweeps_request_t>(request);
+  ASSERT_TRUE(sweeps.ok()) << sweeps.status();
+  EXPECT_EQ(sweeps->sweeps[1].y_m, (std::vector<double>{2}));
+  EXPECT_TRUE(absl::IsInvalidArgument(DecodeRpc<rays_request_t>(request).status()));
 }
 
 // Followers send the name on, and LCM ends strings at a 0.

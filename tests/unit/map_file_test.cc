@@ -54,6 +54,22 @@ class MapFileTest : public testing::Test {
   Map map_{{0.1, {-2560, 5120}}};
 };
 
+TEST_F(MapFileTest, OfALayerThatBeganAnewNothingOldIsLeft) {
+  Layer& layer = map_.AddLayer({"robot", 1}, {1, 7});
+  Commit(map_.AddLayer({"other", 2}, {1, 8}), 50);
+  Commit(layer, 100);
+  auto file = MapFile::Open(path_);
+  ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  layer.BeginEmptyLife({2, 9});
+  ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  ExpectEqual(*ReadMapFile(path_)->map, *map_.Snapshot());
+  EXPECT_EQ(ReadMapFile(path_)->map->layers[0].tiles.size(), 0u);
+  layer.BeginCommit();
+  layer.EditTile({1000, 7}).control_points.fill(-5);
+  ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  ExpectEqual(*ReadMapFile(path_)->map, *map_.Snapshot());
+}
+
 TEST_F(MapFileTest, LoadsWhatWasSaved) {
   std::mt19937_64 random(1);
   Layer& a = map_.AddLayer({"robot a", 0xffffffffffffffffU}, {3, 0x8000000000000001U});

@@ -1,0 +1,93 @@
+#pragma once
+
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "clients/client/request_flow.h"
+#include "lib/base/status.h"
+#include "lib/wire/encode.h"
+
+namespace splinemap {
+
+// Requires Check(query).ok().
+template <typename Query>
+class PendingQuery : public PendingRequest {
+ public:
+  using Answer = typename Query::Answer;
+  using Done = std::function<void(absl::StatusOr<Answer>)>;
+
+  PendingQuery(Query query, Done done)
+      : query_(std::move(query)), pieces_(Cut(query_)), done_(std::move(done)) {}
+
+  std::string Channel(const std::string& channel_prefix) const override {
+    return channel_prefix + Rpc<Query>::kChannel;
+  }
+  size_t num_pieces() const override { return pieces_.size(); }
+  bool is_command() const override { return false; }
+  std::string Describe() const override {
+    return fmt::format("query of {} {}", pieces_.back().end, Rpc<Query>::kName);
+  }
+
+  std::vector<uint8_t> Encode(size_t piece, const request_t& head) const override {
+    auto request = ToMessage(query_, pieces_[piece]);
+    request.head = head;
+    return splinemap::Encode(request);
+  }
+
+  absl::StatusOr<reply_t> TakeReply(size_t piece, absl::Span<const uint8_t> message) override {
+    SPLINEMAP_ASSIGN_OR_RETURN(const auto reply, DecodeRpc<typename Rpc<Query>::Reply>(message));
+    if (reply.head.status == 0) {
+      SPLINEMAP_RETURN_IF_ERROR(splinemap::TakeReply(reply, query_, pieces_[piece], answer_));
+    }
+    return reply.head;
+  }
+
+  void Finish(const absl::Status& status) override {
+    done_(status.ok() ? absl::StatusOr<Answer>(std::move(answer_)) : status);
+  }
+
+ private:
+  const Query query_;
+  const std::vector<Piece> pieces_;
+  const Done done_;
+  Answer answer_;
+};
+
+class PendingCommand : public PendingRequest {
+ public:
+  using Done = std::function<void(absl::Status)>;
+
+  PendingCommand(std::string command, uint64_t incarnation, Done done)
+      : command_(std::move(command)), incarnation_(incarnation), done_(std::move(done)) {}
+
+  std::string Channel(const std::string& channel_prefix) const override {
+    return channel_prefix + kCommandChannel;
+  }
+  size_t num_pieces() const override { return 1; }
+  bool is_command() const override { return true; }
+  std::string Describe() const override { return "command " + command_; }
+
+  std::vector<uint8_t> Encode(size_t, const request_t& head) const override {
+    command_request_t request;
+    request.head = head;
+    request.command = command_;
+    request.incarnation = static_cast<int64_t>(incarnation_);
+    return splinemap::Encode(request);
+  }
+
+  absl::StatusOr<reply_t> TakeReply(size_t, absl::Span<const uint8_t> message) override {
+    SPLINEMAP_ASSIGN_OR_RETURN(const auto reply, DecodeRpc<command_reply_t>(message));
+    return reply.head;
+  }
+
+  void Finish(const absl::Status& status) override { done_(status); }
+
+ private:
+  const std::string command_;
+  const uint64_t incarnation_;
+  const Done done_;
+};
+
+}  // namespace splinemap

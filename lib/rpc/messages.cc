@@ -1,0 +1,434 @@
+#include "lib/rpc/messages.h"
+
+#include <algorithm>
+
+#include "lib/base/status.h"
+
+namespace splinemap {
+namespace {
+
+// What heads, counts and single numbers take at most: a name of 256 bytes, and no text of a status
+// where there are items.
+constexpr size_t kMaxItemBytes = kMaxRpcBytes - 1000;
+constexpr size_t kMaxStatusText = 600;
+// Of hits at poses, so that a request does not keep the daemon from others for long.
+constexpr size_t kMaxHitsAtPoses = 500'000;
+
+constexpr size_t kRayBytes = 4 * 8;
+constexpr size_t kDistanceBytes = 3 * 8;
+
+size_t PointBytes(bool with_hessians) { return 3 * 8 + 1 + (with_hessians ? 3 * 8 : 0); }
+
+size_t SweepBytes(size_t num_vertices) {
+  constexpr size_t kResultBytes = 2 + 3 * 8;
+  return std::max(8 + 4 + 2 * 8 * num_vertices, kResultBytes);
+}
+
+constexpr size_t kMaxCellsOfPiece = kMaxItemBytes / 2;
+
+// Of poses; 0 where the hits alone are too many.
+size_t MaxPoses(size_t num_hits) {
+  if (num_hits > LikelihoodsQuery::kMaxHits) return 0;
+  return std::min((kMaxItemBytes - 2 * 8 * num_hits) / (3 * 8),
+                  kMaxHitsAtPoses / std::max<size_t>(num_hits, 1));
+}
+
+std::vector<Piece> CutEvenly(size_t num_items, size_t max_items) {
+  std::vector<Piece> pieces{{0, std::min(num_items, max_items)}};
+  while (pieces.back().end < num_items) {
+    const size_t begin = pieces.back().end;
+    pieces.push_back({begin, std::min(num_items, begin + max_items)});
+  }
+  return pieces;
+}
+
+absl::Status CheckSize(int32_t num_items, size_t max_items, const char* name) {
+  if (static_cast<size_t>(num_items) <= max_items) return absl::OkStatus();
+  return InvalidArgument(
+      "{} {} in one request; {} are allowed, so that request and reply fit {} bytes", num_items,
+      name, max_items, kMaxRpcBytes);
+}
+
+template <typename Request>
+void SetPoints(const std::vector<Eigen::Vector2d>& points_m, Piece piece, Request& request) {
+  request.num_points = static_cast<int32_t>(piece.size());
+  for (size_t k = piece.begin; k < piece.end; ++k) {
+    request.x_m.push_back(points_m[k].x());
+    request.y_m.push_back(points_m[k].y());
+  }
+}
+
+std::vector<Eigen::Vector2d> Points(const std::vector<double>& x_m,
+                                    const std::vector<double>& y_m) {
+  std::vector<Eigen::Vector2d> points_m(x_m.size());
+  for (size_t k = 0; k < x_m.size(); ++k) points_m[k] = {x_m[k], y_m[k]};
+  return points_m;
+}
+
+absl::Status CheckReply(int32_t num_items, Piece piece) {
+  if (static_cast<size_t>(num_items) == piece.size()) return absl::OkStatus();
+  return InvalidArgument("a reply of {} items to a request of {}", num_items, piece.size());
+}
+
+bool AreOccupancies(const std::vector<int8_t>& values) {
+  return std::all_of(values.begin(), values.end(), [](int8_t v) { return v >= 0 && v <= 2; });
+}
+
+template <typename Reply, typename Answer>
+Reply ReplyOf(const Answer& answer) {
+  Reply reply{};
+  reply.head.revision = static_cast<int64_t>(answer.revision);
+  return reply;
+}
+
+}  // namespace
+
+std::string ReplyChannel(const std::string& channel_prefix, uint64_t client) {
+  return fmt::format("{}_REPLIES_{:016x}", channel_prefix, client);
+}
+
+absl::Status StatusOf(const reply_t& head) {
+  return {static_cast<absl::StatusCode>(head.status), head.status_text};
+}
+
+void SetStatus(const absl::Status& status, reply_t& head) {
+  head.status = static_cast<int32_t>(status.code());
+  head.status_text = ErrorText(status).substr(0, kMaxStatusText);
+}
+
+std::vector<Piece> Cut(const PointsQuery& query) {
+  return CutEvenly(query.points_m.size(), kMaxItemBytes / PointBytes(query.with_hessians));
+}
+
+std::vector<Piece> Cut(const RaysQuery& query) {
+  return CutEvenly(query.rays.size(), kMaxItemBytes / kRayBytes);
+}
+
+std::vector<Piece> Cut(const SweepsQuery& query) {
+  std::vector<Piece> pieces{{0, 0}};
+  size_t bytes = 0;
+  for (const Sweep& sweep : query.sweeps) {
+    bytes += SweepBytes(sweep.path_m.size());
+    if (bytes > kMaxItemBytes) {
+      pieces.push_back({pieces.back().end, pieces.back().end});
+      bytes = SweepBytes(sweep.path_m.size());
+    }
+    ++pieces.back().end;
+  }
+  return pieces;
+}
+
+std::vector<Piece> Cut(const RasterQuery& query) {
+  return CutEvenly(size_t{1} * query.width * query.height, kMaxCellsOfPiece);
+}
+
+std::vector<Piece> Cut(const LikelihoodsQuery& query) {
+  return CutEvenly(query.world_T_robot.size(), MaxPoses(query.hits_robot_m.size()));
+}
+
+std::vector<Piece> Cut(const DistancesQuery& query) {
+  return CutEvenly(query.points_m.size(), kMaxItemBytes / kDistanceBytes);
+}
+
+points_request_t ToMessage(const PointsQuery& query, Piece piece) {
+  points_request_t request{};
+  request.with_hessians = query.with_hessians ? 1 : 0;
+  SetPoints(query.points_m, piece, request);
+  return request;
+}
+
+rays_request_t ToMessage(const RaysQuery& query, Piece piece) {
+  rays_request_t request{};
+  request.occupied_log_odds = query.occupied_log_odds;
+  request.unknown = static_cast<int8_t>(query.unknown);
+  request.num_rays = static_cast<int32_t>(piece.size());
+  for (size_t k = piece.begin; k < piece.end; ++k) {
+    const Ray& ray = query.rays[k];
+    request.x_m.push_back(ray.origin_m.x());
+    request.y_m.push_back(ray.origin_m.y());
+    request.bearing_rad.push_back(ray.bearing_rad);
+    request.max_range_m.push_back(ray.max_range_m);
+  }
+  return request;
+}
+
+sweeps_request_t ToMessage(const SweepsQuery& query, Piece piece) {
+  sweeps_request_t request{};
+  request.occupied_log_odds = query.occupied_log_odds;
+  request.unknown = static_cast<int8_t>(query.unknown);
+  request.num_sweeps = static_cast<int32_t>(piece.size());
+  for (size_t k = piece.begin; k < piece.end; ++k) {
+    const Sweep& sweep = query.sweeps[k];
+    sweep_t& message = request.sweeps.emplace_back();
+    message.radius_m = sweep.radius_m;
+    message.num_vertices = static_cast<int32_t>(sweep.path_m.size());
+    for (const Eigen::Vector2d& vertex_m : sweep.path_m) {
+      message.x_m.push_back(vertex_m.x());
+      message.y_m.push_back(vertex_m.y());
+    }
+  }
+  return request;
+}
+
+raster_request_t ToMessage(const RasterQuery& query, Piece piece) {
+  raster_request_t request{};
+  request.first_x_m = query.first_m.x();
+  request.first_y_m = query.first_m.y();
+  request.resolution_m = query.resolution_m;
+  request.width = query.width;
+  request.height = query.height;
+  request.first_cell = static_cast<int32_t>(piece.begin);
+  request.num_cells = static_cast<int32_t>(piece.size());
+  return request;
+}
+
+likelihoods_request_t ToMessage(const LikelihoodsQuery& query, Piece piece) {
+  likelihoods_request_t request{};
+  request.num_hits = static_cast<int32_t>(query.hits_robot_m.size());
+  for (const Eigen::Vector2d& hit_m : query.hits_robot_m) {
+    request.hit_x_m.push_back(hit_m.x());
+    request.hit_y_m.push_back(hit_m.y());
+  }
+  request.num_poses = static_cast<int32_t>(piece.size());
+  for (size_t k = piece.begin; k < piece.end; ++k) {
+    const Pose2& pose = query.world_T_robot[k];
+    request.x_m.push_back(pose.position_m.x());
+    request.y_m.push_back(pose.position_m.y());
+    request.yaw_rad.push_back(pose.yaw_rad);
+  }
+  return request;
+}
+
+distances_request_t ToMessage(const DistancesQuery& query, Piece piece) {
+  distances_request_t request{};
+  request.max_distance_m = query.max_distance_m;
+  request.occupied_log_odds = query.occupied_log_odds;
+  SetPoints(query.points_m, piece, request);
+  return request;
+}
+
+absl::StatusOr<PointsQuery> FromMessage(const points_request_t& request) {
+  const bool with_hessians = request.with_hessians != 0;
+  SPLINEMAP_RETURN_IF_ERROR(
+      CheckSize(request.num_points, kMaxItemBytes / PointBytes(with_hessians), "points"));
+  return PointsQuery{Points(request.x_m, request.y_m), with_hessians};
+}
+
+absl::StatusOr<RaysQuery> FromMessage(const rays_request_t& request) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckSize(request.num_rays, kMaxItemBytes / kRayBytes, "rays"));
+  RaysQuery query{.rays = {},
+                  .occupied_log_odds = request.occupied_log_odds,
+                  .unknown = static_cast<Unknown>(request.unknown)};
+  for (size_t k = 0; k < request.x_m.size(); ++k) {
+    query.rays.push_back(
+        {{request.x_m[k], request.y_m[k]}, request.bearing_rad[k], request.max_range_m[k]});
+  }
+  return query;
+}
+
+absl::StatusOr<SweepsQuery> FromMessage(const sweeps_request_t& request) {
+  SweepsQuery query{.sweeps = {},
+                    .occupied_log_odds = request.occupied_log_odds,
+                    .unknown = static_cast<Unknown>(request.unknown)};
+  size_t bytes = 0;
+  for (const sweep_t& message : request.sweeps) {
+    bytes += SweepBytes(message.x_m.size());
+    if (bytes > kMaxItemBytes) {
+      return InvalidArgument(
+          "{} sweeps in one request; 12 bytes each and 16 for each vertex, and no less than 26 "
+          "for each sweep, may be {}, so that request and reply fit {} bytes",
+          request.num_sweeps, kMaxItemBytes, kMaxRpcBytes);
+    }
+    query.sweeps.push_back({Points(message.x_m, message.y_m), message.radius_m});
+  }
+  return query;
+}
+
+absl::StatusOr<LikelihoodsQuery> FromMessage(const likelihoods_request_t& request) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckSize(request.num_hits, LikelihoodsQuery::kMaxHits, "hits"));
+  if (static_cast<size_t>(request.num_poses) > MaxPoses(request.hit_x_m.size())) {
+    return InvalidArgument(
+        "{} poses for {} hits in one request; {} are allowed, so that it fits {} bytes, and poses "
+        "times hits are {} at most",
+        request.num_poses, request.num_hits, MaxPoses(request.hit_x_m.size()), kMaxRpcBytes,
+        kMaxHitsAtPoses);
+  }
+  LikelihoodsQuery query{.hits_robot_m = Points(request.hit_x_m, request.hit_y_m),
+                         .world_T_robot = {}};
+  for (size_t k = 0; k < request.x_m.size(); ++k) {
+    query.world_T_robot.push_back({{request.x_m[k], request.y_m[k]}, request.yaw_rad[k]});
+  }
+  return query;
+}
+
+absl::StatusOr<DistancesQuery> FromMessage(const distances_request_t& request) {
+  SPLINEMAP_RETURN_IF_ERROR(
+      CheckSize(request.num_points, kMaxItemBytes / kDistanceBytes, "points"));
+  return DistancesQuery{.points_m = Points(request.x_m, request.y_m),
+                        .max_distance_m = request.max_distance_m,
+                        .occupied_log_odds = request.occupied_log_odds};
+}
+
+absl::StatusOr<RasterPart> FromMessage(const raster_request_t& request) {
+  const RasterQuery raster{.first_m = {request.first_x_m, request.first_y_m},
+                           .resolution_m = request.resolution_m,
+                           .width = request.width,
+                           .height = request.height};
+  SPLINEMAP_RETURN_IF_ERROR(Check(raster));
+  const int64_t end = int64_t{request.first_cell} + request.num_cells;
+  if (request.first_cell < 0 || request.num_cells < 0 ||
+      end > int64_t{raster.width} * raster.height) {
+    return InvalidArgument("cells {} to {} of a raster of {} x {}", request.first_cell, end - 1,
+                           raster.width, raster.height);
+  }
+  SPLINEMAP_RETURN_IF_ERROR(CheckSize(request.num_cells, kMaxCellsOfPiece, "cells"));
+  return RasterPart{raster, {static_cast<size_t>(request.first_cell), static_cast<size_t>(end)}};
+}
+
+points_reply_t ToMessage(const PointsQuery::Answer& answer) {
+  auto reply = ReplyOf<points_reply_t>(answer);
+  reply.num_points = static_cast<int32_t>(answer.samples.size());
+  for (const SurfaceSample& sample : answer.samples) {
+    reply.log_odds.push_back(sample.log_odds);
+    reply.gradient_x_per_m.push_back(sample.gradient_per_m.x());
+    reply.gradient_y_per_m.push_back(sample.gradient_per_m.y());
+    reply.known.push_back(sample.known ? 1 : 0);
+  }
+  reply.num_hessians = static_cast<int32_t>(answer.hessians_per_m2.size());
+  for (const Eigen::Matrix2d& hessian : answer.hessians_per_m2) {
+    reply.hessian_xx_per_m2.push_back(hessian(0, 0));
+    reply.hessian_xy_per_m2.push_back(hessian(0, 1));
+    reply.hessian_yy_per_m2.push_back(hessian(1, 1));
+  }
+  return reply;
+}
+
+rays_reply_t ToMessage(const RaysQuery::Answer& answer) {
+  auto reply = ReplyOf<rays_reply_t>(answer);
+  reply.num_rays = static_cast<int32_t>(answer.ends.size());
+  for (const RaysQuery::End& end : answer.ends) {
+    reply.occupancy.push_back(static_cast<int8_t>(end.occupancy));
+    reply.range_m.push_back(end.range_m);
+  }
+  return reply;
+}
+
+sweeps_reply_t ToMessage(const SweepsQuery::Answer& answer) {
+  auto reply = ReplyOf<sweeps_reply_t>(answer);
+  reply.num_sweeps = static_cast<int32_t>(answer.results.size());
+  for (const SweepsQuery::Result& result : answer.results) {
+    reply.occupancy.push_back(static_cast<int8_t>(result.occupancy));
+    reply.is_certified.push_back(result.is_certified ? 1 : 0);
+    reply.free_m.push_back(result.free_m);
+    reply.contact_x_m.push_back(result.contact_m.x());
+    reply.contact_y_m.push_back(result.contact_m.y());
+  }
+  return reply;
+}
+
+raster_reply_t ToMessage(const RasterQuery::Answer& answer) {
+  auto reply = ReplyOf<raster_reply_t>(answer);
+  reply.num_cells = static_cast<int32_t>(answer.cells.size());
+  reply.cells = answer.cells;
+  return reply;
+}
+
+likelihoods_reply_t ToMessage(const LikelihoodsQuery::Answer& answer) {
+  auto reply = ReplyOf<likelihoods_reply_t>(answer);
+  reply.num_poses = static_cast<int32_t>(answer.log_likelihoods.size());
+  reply.log_likelihoods = answer.log_likelihoods;
+  return reply;
+}
+
+distances_reply_t ToMessage(const DistancesQuery::Answer& answer) {
+  auto reply = ReplyOf<distances_reply_t>(answer);
+  reply.num_points = static_cast<int32_t>(answer.distances.size());
+  for (const DistancesQuery::Distance& distance : answer.distances) {
+    reply.distance_m.push_back(distance.distance_m);
+    reply.gradient_x.push_back(distance.gradient.x());
+    reply.gradient_y.push_back(distance.gradient.y());
+  }
+  return reply;
+}
+
+absl::Status TakeReply(const points_reply_t& reply, const PointsQuery& query, Piece piece,
+                       PointsQuery::Answer& answer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_points, piece));
+  if (reply.num_hessians != (query.with_hessians ? reply.num_points : 0)) {
+    return InvalidArgument("a reply with {} second derivatives", reply.num_hessians);
+  }
+  answer.revision = static_cast<uint64_t>(reply.head.revision);
+  answer.samples.resize(query.points_m.size());
+  for (size_t k = 0; k < piece.size(); ++k) {
+    answer.samples[piece.begin + k] = {{reply.gradient_x_per_m[k], reply.gradient_y_per_m[k]},
+                                       reply.log_odds[k],
+                                       reply.known[k] != 0};
+  }
+  if (!query.with_hessians) return absl::OkStatus();
+  answer.hessians_per_m2.resize(query.points_m.size());
+  for (size_t k = 0; k < piece.size(); ++k) {
+    answer.hessians_per_m2[piece.begin + k] << reply.hessian_xx_per_m2[k],
+        reply.hessian_xy_per_m2[k], reply.hessian_xy_per_m2[k], reply.hessian_yy_per_m2[k];
+  }
+  return absl::OkStatus();
+}
+
+absl::Status TakeReply(const rays_reply_t& reply, const RaysQuery& query, Piece piece,
+                       RaysQuery::Answer& answer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_rays, piece));
+  if (!AreOccupancies(reply.occupancy)) return InvalidArgument("a reply of no known occupancy");
+  answer.revision = static_cast<uint64_t>(reply.head.revision);
+  answer.ends.resize(query.rays.size());
+  for (size_t k = 0; k < piece.size(); ++k) {
+    answer.ends[piece.begin + k] = {static_cast<Occupancy>(reply.occupancy[k]), reply.range_m[k]};
+  }
+  return absl::OkStatus();
+}
+
+absl::Status TakeReply(const sweeps_reply_t& reply, const SweepsQuery& query, Piece piece,
+                       SweepsQuery::Answer& answer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_sweeps, piece));
+  if (!AreOccupancies(reply.occupancy)) return InvalidArgument("a reply of no known occupancy");
+  answer.revision = static_cast<uint64_t>(reply.head.revision);
+  answer.results.resize(query.sweeps.size());
+  for (size_t k = 0; k < piece.size(); ++k) {
+    answer.results[piece.begin + k] = {static_cast<Occupancy>(reply.occupancy[k]),
+                                       reply.is_certified[k] != 0,
+                                       reply.free_m[k],
+                                       {reply.contact_x_m[k], reply.contact_y_m[k]}};
+  }
+  return absl::OkStatus();
+}
+
+absl::Status TakeReply(const raster_reply_t& reply, const RasterQuery& query, Piece piece,
+                       RasterQuery::Answer& answer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_cells, piece));
+  answer.revision = static_cast<uint64_t>(reply.head.revision);
+  answer.cells.resize(size_t{1} * query.width * query.height);
+  std::copy(reply.cells.begin(), reply.cells.end(), answer.cells.begin() + piece.begin);
+  return absl::OkStatus();
+}
+
+absl::Status TakeReply(const likelihoods_reply_t& reply, const LikelihoodsQuery& query, Piece piece,
+                       LikelihoodsQuery::Answer& answer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_poses, piece));
+  answer.revision = static_cast<uint64_t>(reply.head.revision);
+  answer.log_likelihoods.resize(query.world_T_robot.size());
+  std::copy(reply.log_likelihoods.begin(), reply.log_likelihoods.end(),
+            answer.log_likelihoods.begin() + piece.begin);
+  return absl::OkStatus();
+}
+
+absl::Status TakeReply(const distances_reply_t& reply, const DistancesQuery& query, Piece piece,
+                       DistancesQuery::Answer& answer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_points, piece));
+  answer.revision = static_cast<uint64_t>(reply.head.revision);
+  answer.distances.resize(query.points_m.size());
+  for (size_t k = 0; k < piece.size(); ++k) {
+    answer.distances[piece.begin + k] = {reply.distance_m[k],
+                                         {reply.gradient_x[k], reply.gradient_y[k]}};
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace splinemap

@@ -1,0 +1,188 @@
+// What all maps that can be asked have in common: in process, a replica, that of a daemon. On a bus
+// of its own.
+#include "lib/query/queryable_map.h"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <thread>
+
+#include "clients/client/map_client.h"
+#include "clients/replica/map_replica.h"
+#include "lib/base/random.h"
+#include "services/splinemapd/layer_server.h"
+#include "services/splinemapd/query_server.h"
+#include "tests/support/queries.h"
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+
+// Serves one map as a daemon does, to clients and followers.
+class MapOnBus {
+ public:
+  explicit MapOnBus(std::shared_ptr<const MapSnapshot> map) {
+    bus_ = *LcmBus::Open("");
+    const auto take_snapshot = [map] { return map; };
+    bus_->Subscribe("SPLINEMAP_PULLS",
+                    [this](const std::string&, auto m) { layers_->TakePull(m); });
+    for (const std::string& channel : QueryServer::Channels("SPLINEMAP")) {
+      bus_->Subscribe(channel, [this](const std::string&, auto m) { queries_->TakeRequest(m); });
+    }
+    PublisherOptions options;
+    options.bytes_per_s = 1e7;
+    layers_ = std::make_unique<LayerServer>(*bus_, "SPLINEMAP", options, 0, take_snapshot);
+    queries_ = std::make_unique<QueryServer>(
+        Replier{"SPLINEMAP", RandomId(), 0, take_snapshot,
+                [this](const std::string& channel, absl::Span<const uint8_t> reply) {
+                  bus_->PublishBytes(channel, reply);
+                }});
+    receiving_ = std::jthread([this](const std::stop_token& stop) {
+      while (!stop.stop_requested()) bus_->Handle(milliseconds(20));
+    });
+  }
+  ~MapOnBus() {
+    receiving_ = {};
+    layers_.reset();
+    queries_.reset();
+  }
+
+ private:
+  std::unique_ptr<LcmBus> bus_;
+  std::unique_ptr<LayerServer> layers_;
+  std::unique_ptr<QueryServer> queries_;
+  std::jthread receiving_;
+};
+
+enum class Kind { kLocal, kReplica, kClient };
+
+class QueryableMapTest : public testing::TestWithParam<Kind> {
+ protected:
+  void SetUp() override {
+    switch (GetParam()) {
+      case Kind::kLocal:
+        map_ = std::make_unique<LocalMap>(snapshot_);
+        break;
+      case Kind::kReplica: {
+        served_ = std::make_unique<MapOnBus>(snapshot_);
+        auto replica = *MapReplica::Follow("", {});
+        const auto is_whole = [&] {
+          const auto layers = replica->Layers();
+          return layers.size() == 1 && layers[0].is_equal;
+        };
+        const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+        while (!is_whole() && std::chrono::steady_clock::now() < deadline) {
+          std::this_thread::sleep_for(milliseconds(10));
+        }
+        ASSERT_TRUE(is_whole());
+        map_ = std::move(replica);
+        break;
+      }
+      case Kind::kClient: {
+        served_ = std::make_unique<MapOnBus>(snapshot_);
+        ClientOptions options;
+        options.deadline = std::chrono::seconds(20);
+        auto client = MapClient::Connect("", options);
+        ASSERT_TRUE(client.ok()) << client.status();
+        map_ = *std::move(client);
+        break;
+      }
+    }
+  }
+
+  template <typename Query>
+  void ExpectSame(const Query& query) {
+    const auto expected = LocalMap(snapshot_).Ask(query);
+    const auto answer = map_->Ask(query);
+    EXPECT_EQ(answer.status(), expected.status());
+    if (expected.ok() && answer.ok()) {
+      EXPECT_TRUE(AreSame(*answer, *expected));
+      EXPECT_EQ(answer->revision, 20u);
+    }
+  }
+
+  template <typename Query>
+  void ExpectInvalid(const Query& query) {
+    const auto status = map_->Ask(query).status();
+    EXPECT_TRUE(absl::IsInvalidArgument(status)) << status;
+    EXPECT_EQ(status, Check(query));
+  }
+
+  std::mt19937_64 random_{3};
+  const std::shared_ptr<const MapSnapshot> snapshot_ = RandomMap(1);
+  std::unique_ptr<MapOnBus> served_;
+  std::unique_ptr<QueryableMap> map_;
+};
+
+TEST_P(QueryableMapTest, AnswersAreThoseOfTheMapInProcess) {
+  for (const size_t size : {1, 2, 100, 777}) {
+    ExpectSame(RandomPoints(random_, size));
+    ExpectSame(RandomRays(random_, size));
+    ExpectSame(RandomSweeps(random_, size));
+    ExpectSame(RandomRaster(random_, size));
+    ExpectSame(RandomLikelihoods(random_, size));
+    ExpectSame(RandomDistances(random_, size));
+  }
+}
+
+TEST_P(QueryableMapTest, LargeQueriesToo) {
+  ExpectSame(RandomPoints(random_, 100'001));
+  ExpectSame(RandomRays(random_, 10'000));
+  ExpectSame(RandomSweeps(random_, 2'000));
+  ExpectSame(RandomRaster(random_, 1'000'000));
+  ExpectSame(RandomLikelihoods(random_, 3'000));
+  ExpectSame(RandomDistances(random_, 20'000));
+}
+
+TEST_P(QueryableMapTest, NothingIsAskedAndAnsweredWithARevision) {
+  ExpectSame(PointsQuery{});
+  ExpectSame(RaysQuery{});
+  ExpectSame(SweepsQuery{});
+  ExpectSame(LikelihoodsQuery{});
+  ExpectSame(DistancesQuery{});
+}
+
+TEST_P(QueryableMapTest, FarAwayNothingIsKnown) {
+  ExpectSame(PointsQuery{{{1e9, -1e9}, {std::nan(""), 0}}, true});
+  ExpectSame(RasterQuery{{-1e9, -1e9}, 1e7, 200, 200});
+  ExpectSame(LikelihoodsQuery{{{1e9, 0}, {0, 1}}, {{{1e9, 1e9}, 1}}});
+}
+
+TEST_P(QueryableMapTest, WhatNoMapAnswersIsRefusedWithItsPlace) {
+  const double nan = std::nan("");
+  ExpectInvalid(RaysQuery{{{{0, 0}, 0, 1}, {{nan, 0}, 0, 1}}});
+  ExpectInvalid(RaysQuery{{{{0, 0}, 0, -1}}});
+  ExpectInvalid(RaysQuery{{}, nan});
+  ExpectInvalid(RaysQuery{{}, 0, static_cast<Unknown>(2)});
+  ExpectInvalid(SweepsQuery{{{{}, 1}}});
+  ExpectInvalid(SweepsQuery{{{{{0, 0}}, -1}}});
+  ExpectInvalid(SweepsQuery{{{{{0, 0}, {nan, 0}}, 1}}});
+  ExpectInvalid(SweepsQuery{{{std::vector<Eigen::Vector2d>(Sweep::kMaxVertices + 1), 1}}});
+  ExpectInvalid(RasterQuery{{0, 0}, 0, 1, 1});
+  ExpectInvalid(RasterQuery{{0, 0}, 0.1, 0, 1});
+  ExpectInvalid(RasterQuery{{0, 0}, 0.1, 1'000'000, 1'000});
+  ExpectInvalid(LikelihoodsQuery{{{nan, 0}}, {}});
+  ExpectInvalid(LikelihoodsQuery{{}, {{{0, 0}, std::numeric_limits<double>::infinity()}}});
+  ExpectInvalid(LikelihoodsQuery{std::vector<Eigen::Vector2d>(LikelihoodsQuery::kMaxHits + 1), {}});
+  ExpectInvalid(DistancesQuery{{{0, nan}}});
+  ExpectInvalid(DistancesQuery{{}, 1000});
+}
+
+std::string KindName(const testing::TestParamInfo<Kind>& kind) {
+  switch (kind.param) {
+    case Kind::kLocal:
+      return "Local";
+    case Kind::kReplica:
+      return "Replica";
+    case Kind::kClient:
+      return "Client";
+  }
+  return "";
+}
+
+INSTANTIATE_TEST_SUITE_P(All, QueryableMapTest,
+                         testing::Values(Kind::kLocal, Kind::kReplica, Kind::kClient), KindName);
+
+}  // namespace
+}  // namespace splinemap

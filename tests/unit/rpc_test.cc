@@ -1,0 +1,245 @@
+// Queries and answers as messages.
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "lib/query/local_map.h"
+#include "lib/rpc/answer.h"
+#include "lib/wire/encode.h"
+#include "tests/support/queries.h"
+
+namespace splinemap {
+namespace {
+
+reply_t Head() {
+  reply_t head{};
+  head.id = 5;
+  head.name = "robot";
+  head.daemon_nonce = 6;
+  head.incarnation = 7;
+  return head;
+}
+
+// Rays, sweeps and distances that have answers of their own, before any map has.
+class AnyAnswers : public LocalMap {
+ public:
+  using LocalMap::Ask;
+  using LocalMap::LocalMap;
+
+  absl::StatusOr<RaysQuery::Answer> Ask(const RaysQuery& query) const override {
+    RaysQuery::Answer answer{.revision = 3, .ends = {}};
+    for (const Ray& ray : query.rays) {
+      answer.ends.push_back({ray.bearing_rad > 0 ? Occupancy::kOccupied : Occupancy::kUnknown,
+                             ray.max_range_m + ray.origin_m.x() - ray.origin_m.y() +
+                                 query.occupied_log_odds + static_cast<double>(query.unknown)});
+    }
+    return answer;
+  }
+  absl::StatusOr<SweepsQuery::Answer> Ask(const SweepsQuery& query) const override {
+    SweepsQuery::Answer answer{.revision = 3, .results = {}};
+    for (const Sweep& sweep : query.sweeps) {
+      answer.results.push_back({Occupancy::kOccupied, sweep.path_m.size() % 2 == 1,
+                                sweep.radius_m + static_cast<double>(query.unknown),
+                                sweep.path_m.back() + sweep.path_m.front()});
+    }
+    return answer;
+  }
+  absl::StatusOr<DistancesQuery::Answer> Ask(const DistancesQuery& query) const override {
+    DistancesQuery::Answer answer{.revision = 3, .distances = {}};
+    for (const Eigen::Vector2d& point_m : query.points_m) {
+      answer.distances.push_back({query.max_distance_m + query.occupied_log_odds, point_m});
+    }
+    return answer;
+  }
+};
+
+class RpcTest : public testing::Test {
+ protected:
+  // The whole answer as a client puts it together from replies to the pieces.
+  template <typename Query>
+  typename Query::Answer AskInPieces(const Query& query) {
+    typename Query::Answer answer;
+    const std::vector<Piece> pieces = Cut(query);
+    num_pieces_ = pieces.size();
+    for (const Piece& piece : pieces) {
+      auto message = ToMessage(query, piece);
+      message.head.client = -1;
+      const std::vector<uint8_t> request = Encode(message);
+      EXPECT_LE(request.size(), kMaxRpcBytes);
+      const std::vector<uint8_t> bytes = AnswerRequest(request, map_, Head());
+      EXPECT_LE(bytes.size(), kMaxRpcBytes);
+      const auto reply = DecodeRpc<typename Rpc<Query>::Reply>(bytes);
+      EXPECT_TRUE(reply.ok()) << reply.status();
+      if (!reply.ok()) return {};
+      EXPECT_EQ(reply->head.id, 5);
+      EXPECT_EQ(reply->head.daemon_nonce, 6);
+      EXPECT_TRUE(StatusOf(reply->head).ok()) << StatusOf(reply->head);
+      EXPECT_TRUE(TakeReply(*reply, query, piece, answer).ok());
+    }
+    return answer;
+  }
+
+  template <typename Query>
+  void ExpectSame(const Query& query, size_t pieces) {
+    const auto expected = map_.Ask(query);
+    ASSERT_TRUE(expected.ok()) << expected.status();
+    EXPECT_TRUE(AreSame(AskInPieces(query), *expected));
+    EXPECT_EQ(num_pieces_, pieces);
+  }
+
+  // What the map says to a request.
+  template <typename Request>
+  absl::Status StatusFor(const Request& request) {
+    const std::vector<uint8_t> bytes = AnswerRequest(Encode(request), map_, Head());
+    if (bytes.empty()) return absl::DataLossError("no reply");
+    reply_t head;
+    // After the fingerprint, which the head does not have.
+    EXPECT_GE(head._decodeNoHash(bytes.data(), 8, static_cast<int>(bytes.size()) - 8), 0);
+    return StatusOf(head);
+  }
+
+  std::mt19937_64 random_{1};
+  AnyAnswers map_{RandomMap(1)};
+  size_t num_pieces_ = 0;
+};
+
+TEST_F(RpcTest, AnswersInPiecesAreThoseInProcess) {
+  ExpectSame(RandomPoints(random_, 5000), 3);
+  ExpectSame(RandomPoints(random_, 5001), 5);  // with second derivatives
+  ExpectSame(RandomRays(random_, 5000), 3);
+  ExpectSame(RandomRaster(random_, 100'000), 4);
+  ExpectSame(RandomLikelihoods(random_, 3000), 3);
+  ExpectSame(RandomDistances(random_, 5000), 3);
+  SweepsQuery sweeps = RandomSweeps(random_, 2000);
+  sweeps.sweeps[7].path_m.resize(Sweep::kMaxVertices, {1, 2});
+  const size_t pieces = Cut(sweeps).size();
+  EXPECT_GT(pieces, 5u);
+  ExpectSame(sweeps, pieces);
+}
+
+TEST_F(RpcTest, AQueryOfNothingIsOneRequest) {
+  ExpectSame(PointsQuery{}, 1);
+  ExpectSame(RaysQuery{}, 1);
+  ExpectSame(SweepsQuery{}, 1);
+  ExpectSame(LikelihoodsQuery{}, 1);
+  ExpectSame(DistancesQuery{}, 1);
+}
+
+TEST_F(RpcTest, TheLargestItemsFit) {
+  SweepsQuery sweeps;
+  sweeps.sweeps.resize(20, {std::vector<Eigen::Vector2d>(Sweep::kMaxVertices), 1});
+  ExpectSame(sweeps, 7);
+  LikelihoodsQuery scan = RandomLikelihoods(random_, 1000);
+  scan.hits_robot_m.resize(LikelihoodsQuery::kMaxHits, {1, 1});
+  ExpectSame(scan, 4);
+  scan.hits_robot_m.clear();
+  ExpectSame(scan, 1);
+}
+
+TEST_F(RpcTest, RowsOfARasterMayBeLongerThanAPiece) {
+  ExpectSame(RasterQuery{{-1, -2}, 0.01, 100'000, 2}, 7);
+  ExpectSame(RasterQuery{{-1, -2}, 0.01, 1, 70'000}, 3);
+}
+
+TEST_F(RpcTest, MoreThanAPieceInARequestIsRefusedWithNumbers) {
+  const auto expect_refused = [&](const auto& query, const std::string& number) {
+    const auto status = StatusFor(ToMessage(query, {0, Cut(query).front().end + 1}));
+    EXPECT_TRUE(absl::IsInvalidArgument(status)) << status;
+    EXPECT_NE(std::string(status.message()).find(number), std::string::npos) << status;
+  };
+  expect_refused(RandomPoints(random_, 5000), "2361 points in one request; 2360 are allowed");
+  expect_refused(RandomPoints(random_, 5001), "1205 points in one request; 1204 are allowed");
+  expect_refused(RandomRays(random_, 5000), "1844 rays in one request; 1843 are allowed");
+  expect_refused(RandomSweeps(random_, 5000), "sweeps in one request");
+  expect_refused(RandomRaster(random_, 60'000), "29501 cells in one request; 29500 are allowed");
+  expect_refused(RandomLikelihoods(random_, 5000), "1251 poses for 400 hits in one request; 1250");
+  expect_refused(RandomDistances(random_, 5000), "2459 points in one request; 2458 are allowed");
+}
+
+TEST_F(RpcTest, WhatNoMapAnswersIsRefused) {
+  const double nan = std::nan("");
+  RaysQuery rays = RandomRays(random_, 3);
+  rays.rays[1].bearing_rad = nan;
+  EXPECT_TRUE(absl::IsInvalidArgument(Check(rays)));
+  const LocalMap map(RandomMap(1));  // AnyAnswers does not check
+  const auto reply =
+      DecodeRpc<rays_reply_t>(AnswerRequest(Encode(ToMessage(rays, {0, 3})), map, Head()));
+  ASSERT_TRUE(reply.ok());
+  EXPECT_FALSE(StatusOf(reply->head).ok());
+  EXPECT_EQ(reply->num_rays, 0);
+
+  raster_request_t raster = ToMessage(RasterQuery{{0, 0}, 1, 1000, 1000}, {0, 10});
+  EXPECT_TRUE(StatusFor(raster).ok());
+  raster.width = 1'000'000;  // 10^9 cells
+  EXPECT_TRUE(absl::IsInvalidArgument(StatusFor(raster)));
+  raster.width = std::numeric_limits<int32_t>::max();
+  raster.height = std::numeric_limits<int32_t>::max();
+  EXPECT_TRUE(absl::IsInvalidArgument(StatusFor(raster)));
+  raster.width = raster.height = 10;
+  raster.first_cell = 91;
+  EXPECT_TRUE(absl::IsInvalidArgument(StatusFor(raster))) << "beyond the end";
+  raster.first_cell = std::numeric_limits<int32_t>::max();
+  raster.num_cells = std::numeric_limits<int32_t>::max();
+  EXPECT_TRUE(absl::IsInvalidArgument(StatusFor(raster)));
+  raster.first_cell = -1;
+  raster.num_cells = 1;
+  EXPECT_TRUE(absl::IsInvalidArgument(StatusFor(raster)));
+  raster.first_cell = 1;
+  raster.num_cells = -1;
+  EXPECT_TRUE(absl::IsInvalidArgument(StatusFor(raster)));
+  raster.num_cells = 1;
+  raster.resolution_m = nan;
+  EXPECT_TRUE(absl::IsInvalidArgument(StatusFor(raster)));
+  raster.resolution_m = 1e9;  // a box of 10^7 km
+  EXPECT_TRUE(StatusFor(raster).ok());
+
+  likelihoods_request_t scan = ToMessage(RandomLikelihoods(random_, 2), {0, 2});
+  EXPECT_TRUE(StatusFor(scan).ok());
+  scan.yaw_rad[1] = std::numeric_limits<double>::infinity();
+  EXPECT_TRUE(absl::IsInvalidArgument(StatusFor(scan)));
+  scan.yaw_rad[1] = 0;
+  scan.num_hits = 3000;
+  scan.hit_x_m.resize(3000);
+  scan.hit_y_m.resize(3000);
+  EXPECT_TRUE(absl::IsInvalidArgument(StatusFor(scan)));
+}
+
+TEST_F(RpcTest, RepliesToAnotherPieceAreNotTaken) {
+  const PointsQuery query = RandomPoints(random_, 4);
+  PointsQuery::Answer answer;
+  points_reply_t reply = ToMessage(*map_.Ask(query));
+  EXPECT_FALSE(TakeReply(reply, query, {0, 3}, answer).ok());
+  EXPECT_TRUE(answer.samples.empty());
+  EXPECT_TRUE(TakeReply(reply, query, {0, 4}, answer).ok());
+  reply.num_hessians = 4;
+  EXPECT_FALSE(TakeReply(reply, query, {0, 4}, answer).ok());
+
+  const RaysQuery rays = RandomRays(random_, 2);
+  rays_reply_t ends = ToMessage(*map_.Ask(rays));
+  ends.occupancy[1] = 3;
+  RaysQuery::Answer ends_answer;
+  EXPECT_FALSE(TakeReply(ends, rays, {0, 2}, ends_answer).ok());
+}
+
+TEST_F(RpcTest, EveryRequestCanBeRefused) {
+  const auto refuse = [](const auto& request) {
+    return RefuseRequest(Encode(request), absl::ResourceExhaustedError(std::string(10'000, 'x')),
+                         Head());
+  };
+  const auto expect_exhausted = [](const auto& reply) {
+    ASSERT_TRUE(reply.ok()) << reply.status();
+    EXPECT_TRUE(absl::IsResourceExhausted(StatusOf(reply->head)));
+    EXPECT_LT(reply->head.status_text.size(), 1000u);
+  };
+  expect_exhausted(DecodeRpc<points_reply_t>(refuse(points_request_t{})));
+  expect_exhausted(DecodeRpc<rays_reply_t>(refuse(rays_request_t{})));
+  expect_exhausted(DecodeRpc<sweeps_reply_t>(refuse(sweeps_request_t{})));
+  expect_exhausted(DecodeRpc<raster_reply_t>(refuse(raster_request_t{})));
+  expect_exhausted(DecodeRpc<likelihoods_reply_t>(refuse(likelihoods_request_t{})));
+  expect_exhausted(DecodeRpc<distances_reply_t>(refuse(distances_request_t{})));
+  expect_exhausted(DecodeRpc<command_reply_t>(refuse(command_request_t{})));
+  EXPECT_TRUE(refuse(points_reply_t{}).empty());
+}
+
+}  // namespace
+}  // namespace splinemap
