@@ -33,13 +33,14 @@ lcm-gen -j mine_t.lcm
 javac -cp /usr/share/java/lcm.jar mine/mine_t.java
 jar cf mine.jar mine/mine_t.class
 
-splinemap simulate drive.lcmlog > simulate.log 2>&1
+expect 0 splinemap simulate drive.lcmlog
+expect 0 splinemap build drive.lcmlog --scan LASER --pose POSE --out drive.splinemap
+expect 0 splinemap render drive.splinemap drive.png --px-per-knot 1
 Xvfb -displayfd 3 -screen 0 1000x700x24 -nolisten tcp 3> display 2> xvfb.log &
 await test -s display
 DISPLAY=:$(cat display)
 export DISPLAY
 splinemapd --map map.splinemap --scan LASER --pose POSE 2> daemon.log &
-daemon=$!
 CLASSPATH=$work/mine.jar "$spy" > spy.log 2>&1 &
 spy_pid=$!
 await xdotool search --name '^LCM Spy$'
@@ -65,13 +66,9 @@ xdotool search --name '^LCM Spy$' windowraise
 double_click 60 "$(row 5)" "SPLINEMAP map"  # LASER, POSE, SPLINEMAP_DIGESTS, _STATUS, _UPDATES
 kill -0 "$player" || fail "the drive was over before the map was opened"
 wait "$player"
-sleep 2
-kill "$daemon"
-wait "$daemon" || fail "the daemon: $(cat daemon.log)"
-splinemap render map.splinemap map.png --px-per-knot 1 2> render.log
 eval "$(xdotool search --name '^SPLINEMAP map$' getwindowgeometry --shell)"
 # shellcheck disable=SC2154  # xdotool says X, Y, WIDTH, HEIGHT
-java "$top/tests/integration/MapWindow.java" "$X" "$Y" "$WIDTH" "$HEIGHT" map.png > shown.log ||
+java "$top/tests/integration/MapWindow.java" "$X" "$Y" "$WIDTH" "$HEIGHT" drive.png > shown.log ||
   fail "$(cat shown.log)"
 
 kill -0 "$spy_pid" || fail "lcm-spy ended: $(cat spy.log)"
