@@ -8,8 +8,8 @@ fi
 source "$1/tests/integration/support.sh" "$1"
 
 build=$(realpath "$(dirname "$(command -v splinemapd)")/../..")
-if [[ ! -e $build/lcmtypes/splinemap-types.jar ]]; then
-  echo "lcm_spy: skipped, there was no JDK with lcm.jar to build splinemap-types.jar with"
+if [[ ! -e $build/lcmtypes/splinemap-spy.jar ]]; then
+  echo "lcm_spy: skipped, there was no JDK with lcm.jar and zstd-jni.jar to build splinemap-spy.jar with"
   exit 0
 fi
 cmake --install "$build" --prefix "$work/installed" > install.log || fail "$(cat install.log)"
