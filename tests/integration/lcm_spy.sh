@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
-# The installed splinemap-spy decodes what the daemon says and shows its map, on a screen that nobody
-# sees.
+# The installed splinemap-spy decodes what the daemon says and shows its map, on a hidden screen.
 if [[ -z ${LCM_DEFAULT_URL:-} || ${2:-} != inside ]]; then
   exec "$1/deploy/own_bus.sh" "$0" "$1" inside
 fi
@@ -9,7 +8,7 @@ source "$1/tests/integration/support.sh" "$1"
 
 build=$(realpath "$(dirname "$(command -v splinemapd)")/../..")
 if [[ ! -e $build/lcmtypes/splinemap-spy.jar ]]; then
-  echo "lcm_spy: skipped, there was no JDK with lcm.jar and zstd-jni.jar to build splinemap-spy.jar with"
+  echo "lcm_spy: skipped, there was no JDK, lcm.jar or zstd-jni.jar to build splinemap-spy.jar with"
   exit 0
 fi
 cmake --install "$build" --prefix "$work/installed" > install.log || fail "$(cat install.log)"
