@@ -10,7 +10,8 @@ BUILD_PACKAGES=(
 DEMO_PACKAGES=(jq iproute2)
 TEST_PACKAGES=(
   libgtest-dev jq iproute2 sqlite3 python3
-  default-jdk liblcm-java libjchart2d-java libxmlgraphics-commons-java libjide-oss-java xvfb xdotool
+  default-jdk liblcm-java libjchart2d-java libxmlgraphics-commons-java libjide-oss-java
+  libzstd-jni-java xvfb xdotool
 )
 FUZZ_PACKAGES=(clang libclang-rt-14-dev)
 BENCH_PACKAGES=(libbenchmark-dev libmrpt-maps-dev liboctomap-dev python3 python3-matplotlib)

@@ -1,0 +1,299 @@
+package splinemap.spy;
+
+import java.util.ArrayList;
+import java.util.HashMap;
+import java.util.HashSet;
+import java.util.LinkedHashMap;
+import java.util.List;
+import java.util.Map;
+import java.util.Random;
+import java.util.Set;
+import java.util.function.BooleanSupplier;
+import splinemap.layer_digest_t;
+import splinemap.layer_epoch_t;
+import splinemap.layer_listing_t;
+import splinemap.layer_pull_t;
+import splinemap.layer_updates_t;
+import splinemap.node_listing_t;
+import splinemap.tile_update_t;
+
+/**
+ * The follower's side of the protocol for one layer as it was mapped: a copy of what its owner has
+ * published, made of whatever messages arrive. lcmtypes/README.md has the rules. Without what a
+ * client may leave out: waiting for others' pulls, tiles of an older life, coarser levels.
+ */
+final class LayerCopy {
+  private static final int MAX_BACK_OFF_MS = 100;  // what is on its way will mostly be there then
+  private static final int RETRY_MS = 300;
+  private static final int MAX_ASKS = 32;
+  private static final int MAX_ASKED_AT_ONCE = 256;
+  private static final int NODES_PER_PULL = 100;
+  private static final int MAX_WANTED = 8192;
+  private static final int MAX_LATE_US = 5_000_000;
+
+  private static final long NEVER_MS = Long.MIN_VALUE / 2;
+
+  private record Tile(short[] points, long revision, long checksum) {}
+
+  private static final class Wanted {
+    long due_ms;
+    long revision;  // of a tile: that one or a newer
+    int times_asked;
+  }
+
+  private final BooleanSupplier is_full;  // no tile more is to be kept
+  private final Random random = new Random();
+  private layer_epoch_t life;     // of the owner
+  private layer_digest_t digest;  // the last of this life
+  private Map<Node, Tile> tiles = new HashMap<>();
+  private final Map<Node, Long> hashes = new HashMap<>();  // sums of the tiles' checksums
+  private long hash;                                       // of all of them
+  // Of the tiles that changed since the last digest, what was there then; null for nothing.
+  private final Map<Node, Tile> at_digest = new HashMap<>();
+  private Map<Node, Tile> previous;  // what the life before left: shown until this one is whole
+  private final Map<Node, Wanted> wanted = new LinkedHashMap<>();
+  private layer_digest_t check;  // whose hashes are compared until nothing of it is wanted
+  private boolean in_sync;
+  private Set<Node> changed = new HashSet<>();
+  private long heard_ms = NEVER_MS;
+  private long match_ms = NEVER_MS;
+
+  LayerCopy(BooleanSupplier is_full) {
+    this.is_full = is_full;
+  }
+
+  /** Whether all that the last digest told of is there. */
+  boolean inSync() {
+    return in_sync;
+  }
+
+  /** When that was so for the last time, and when the owner was heard. */
+  long matchMs() {
+    return match_ms;
+  }
+
+  long heardMs() {
+    return heard_ms;
+  }
+
+  int numTilesKept() {
+    return tiles.size() + (previous == null ? 0 : previous.size());
+  }
+
+  /** The control points that are to be shown, row-major; null where there are none. */
+  short[] points(Node tile) {
+    Tile found = shown().get(tile);
+    return found == null ? null : found.points;
+  }
+
+  /** The tiles to be shown anew since this was asked last. */
+  Set<Node> takeChanged() {
+    Set<Node> taken = changed;
+    changed = new HashSet<>();
+    return taken;
+  }
+
+  Set<Node> tiles() {
+    return shown().keySet();
+  }
+
+  void takeDigest(layer_digest_t digest, long now_ms) {
+    int order = life == null ? 1 : compareLives(digest.layer, life);
+    if (order < 0) return;
+    if (order > 0) beginLife(digest.layer);
+    heard_ms = now_ms;
+    if (digest.layer.detail_level != 0) return;
+    if (this.digest != null && wasOvertaken(digest, this.digest)) return;
+    this.digest = digest;
+    at_digest.clear();
+    in_sync = false;
+    lookForMatch(now_ms);
+    if (!matches() && wanted.isEmpty()) beginCheck(now_ms);
+  }
+
+  void takeUpdates(layer_updates_t updates) {
+    if (!isOfThisLife(updates.layer)) return;
+    for (tile_update_t update : updates.tiles) apply(update);
+  }
+
+  void takeListing(layer_listing_t listing, long now_ms) {
+    if (!isOfThisLife(listing.layer) || check == null || listing.state < check.state) return;
+    for (node_listing_t node : listing.nodes) takeNode(node, now_ms);
+  }
+
+  /** What is to be asked now. Call it some times a second. */
+  List<layer_pull_t> pulls(long now_ms) {
+    if (digest != null && !in_sync) lookForMatch(now_ms);
+    if (wanted.values().removeIf(node -> node.times_asked >= MAX_ASKS && node.due_ms <= now_ms)) {
+      giveUpCheck();  // a later digest finds it again
+    }
+    List<Node> asked = new ArrayList<>();
+    long room = MAX_ASKED_AT_ONCE
+        - wanted.values().stream().filter(n -> n.times_asked > 0 && n.due_ms > now_ms).count();
+    for (Map.Entry<Node, Wanted> entry : wanted.entrySet()) {
+      if (asked.size() >= room) break;
+      Wanted node = entry.getValue();
+      if (node.due_ms > now_ms) continue;
+      asked.add(entry.getKey());
+      node.due_ms = now_ms + RETRY_MS + random.nextInt(RETRY_MS);
+      ++node.times_asked;
+    }
+    List<layer_pull_t> pulls = new ArrayList<>();
+    for (int k = 0; k < asked.size(); k += NODES_PER_PULL) {
+      pulls.add(pullOf(asked.subList(k, Math.min(k + NODES_PER_PULL, asked.size()))));
+    }
+    return pulls;
+  }
+
+  private Map<Node, Tile> shown() {
+    return previous != null ? previous : tiles;
+  }
+
+  private void beginLife(layer_epoch_t life) {
+    if (previous == null && !tiles.isEmpty()) {
+      previous = tiles;
+      tiles = new HashMap<>();
+    }
+    tiles.clear();
+    hashes.clear();
+    hash = 0;
+    at_digest.clear();
+    wanted.clear();
+    digest = null;
+    check = null;
+    in_sync = false;
+    this.life = life;
+  }
+
+  private boolean isOfThisLife(layer_epoch_t layer) {
+    return life != null && compareLives(layer, life) == 0 && layer.detail_level == 0;
+  }
+
+  private static int compareLives(layer_epoch_t a, layer_epoch_t b) {
+    int order = Long.compareUnsigned(a.incarnation, b.incarnation);
+    return order != 0 ? order : Long.compareUnsigned(a.nonce, b.nonce);
+  }
+
+  // Of one state the time stamps tell; the owner's clock may be set back, by more than a message is
+  // late.
+  private static boolean wasOvertaken(layer_digest_t digest, layer_digest_t last) {
+    if (digest.state != last.state) return digest.state < last.state;
+    return digest.utime <= last.utime && digest.utime > last.utime - MAX_LATE_US;
+  }
+
+  private boolean matches() {
+    return digest.hash == hash && digest.num_tiles == tiles.size();
+  }
+
+  private void beginCheck(long now_ms) {
+    check = digest;
+    int root_level = Math.max(1, Math.min(digest.root_level, Node.MAX_LEVEL));
+    for (int y = -1; y <= 0; ++y) {
+      for (int x = -1; x <= 0; ++x) want(new Node(root_level, x, y), 0, now_ms);
+    }
+  }
+
+  private void lookForMatch(long now_ms) {
+    if (!matches() && (check == null || !wanted.isEmpty())) return;
+    check = null;
+    wanted.clear();
+    in_sync = true;
+    match_ms = now_ms;
+    if (previous == null) return;
+    changed.addAll(previous.keySet());
+    changed.addAll(tiles.keySet());
+    previous = null;
+  }
+
+  private void giveUpCheck() {
+    check = null;
+    in_sync = false;
+  }
+
+  private void apply(tile_update_t update) {
+    Node key = new Node(0, update.tx, update.ty);
+    Tile known = tiles.get(key);
+    if (!key.isValid() || (known == null && is_full.getAsBoolean())) return;
+    if (known != null && Long.compareUnsigned(known.revision, update.revision) >= 0) return;
+    short[] points = TileCode.decode(update.content);
+    if (update.base_checksum != 0) {
+      Tile base = base(key, known, update.base_checksum);
+      if (base == null) return;
+      points = TileCode.sum(base.points, points);
+    }
+    if (TileCode.checksum(key, points) != update.checksum) return;
+    keep(key, known, new Tile(points, update.revision, update.checksum));
+  }
+
+  private Tile base(Node key, Tile known, long checksum) {
+    if (known != null && known.checksum == checksum) return known;
+    Tile old = at_digest.get(key);
+    return old != null && old.checksum == checksum ? old : null;
+  }
+
+  private void keep(Node key, Tile known, Tile tile) {
+    if (!at_digest.containsKey(key)) at_digest.put(key, known);
+    tiles.put(key, tile);
+    long difference = tile.checksum - (known == null ? 0 : known.checksum);
+    hash += difference;
+    for (Node node = key; ; node = node.parent()) {
+      hashes.merge(node, difference, Long::sum);
+      if (node.level() == Node.MAX_LEVEL) break;
+    }
+    Wanted asked = wanted.get(key);
+    if (asked != null && Long.compareUnsigned(asked.revision, tile.revision) <= 0) {
+      wanted.remove(key);
+    }
+    if (previous == null) changed.add(key);
+  }
+
+  private void takeNode(node_listing_t listing, long now_ms) {
+    Node node = new Node(listing.level, listing.x, listing.y);
+    if (listing.level < 1 || !node.isValid()) return;
+    // Others ask, too; to take up what they are told would leave no moment without wants.
+    if (wanted.remove(node) == null) return;
+    for (int k = 0; k < listing.num_children; ++k) {
+      takeChild(node.child(listing.children[k] & 63), listing.hashes[k], listing.revisions[k],
+                now_ms);
+    }
+  }
+
+  private void takeChild(Node child, long hash, long revision, long now_ms) {
+    if (!child.isValid()) return;
+    if (hashes.getOrDefault(child, 0L) == hash) {
+      wanted.remove(child);
+      return;
+    }
+    if (child.level() > 0) {
+      want(child, 0, now_ms);
+      return;
+    }
+    Tile known = tiles.get(child);
+    if (known != null && Long.compareUnsigned(known.revision, revision) >= 0) return;
+    if (known == null && is_full.getAsBoolean()) {
+      giveUpCheck();
+    } else {
+      want(child, revision, now_ms);
+    }
+  }
+
+  private void want(Node node, long revision, long now_ms) {
+    if (wanted.size() >= MAX_WANTED) {
+      giveUpCheck();
+      return;
+    }
+    Wanted known = wanted.computeIfAbsent(node, n -> new Wanted());
+    if (known.due_ms == 0) known.due_ms = now_ms + random.nextInt(MAX_BACK_OFF_MS);
+    if (Long.compareUnsigned(known.revision, revision) < 0) known.revision = revision;
+  }
+
+  private layer_pull_t pullOf(List<Node> nodes) {
+    layer_pull_t pull = new layer_pull_t();
+    pull.layer = digest.layer;  // `life` may be from one of a coarser level
+    pull.num_nodes = nodes.size();
+    pull.levels = nodes.stream().mapToInt(Node::level).toArray();
+    pull.xs = nodes.stream().mapToInt(Node::x).toArray();
+    pull.ys = nodes.stream().mapToInt(Node::y).toArray();
+    return pull;
+  }
+}
