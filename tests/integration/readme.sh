@@ -62,6 +62,7 @@ for command in "${commands[@]}"; do
       kill -INT "$daemon"
       wait "$daemon" || fail "the daemon failed: $(cat daemon.log)"
       ;;
+    "splinemap bridge "*) expect 124 timeout 2 "${words[@]}" ;;
     "splinemap watch") expect 1 timeout 10 splinemap watch ;;
     "splinemap doctor --live "*) expect 1 splinemap doctor --live --seconds 1 ;;
     *) expect 0 "${words[@]}" ;;
