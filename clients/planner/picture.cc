@@ -2,6 +2,7 @@
 
 #include <png.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -51,9 +52,12 @@ class Image {
 
   // A line of round ends, or a disc of one vertex, with soft edges.
   void Stroke(const Path& path, double radius_m, const Colour& colour, double opacity = 1) {
+    Eigen::AlignedBox2d box;
+    for (const Vector2d& vertex_m : path) box.extend(vertex_m);
     for (int row = 0; row < grid_.height; ++row) {
       for (int column = 0; column < grid_.width; ++column) {
         const Vector2d centre_m(grid_.CentreX(column), grid_.CentreY(row));
+        if (box.exteriorDistance(centre_m) > radius_m + grid_.pixel_m) continue;
         const double inside_px = (radius_m - DistanceToPath(centre_m, path)) / grid_.pixel_m + 0.5;
         const double share = opacity * std::clamp(inside_px, 0.0, 1.0);
         Colour& pixel = pixels_[size_t{1} * row * grid_.width + column];
