@@ -130,9 +130,11 @@ class PlannerNode {
         const auto replica,
         MapReplica::Follow(flags_.lcm_url, flags_.follow,
                            [&](const MapSnapshot&, const Region& region) { changes.Add(region); }));
+    fmt::print(stderr, "waiting for a whole map on {}_DIGESTS\n", flags_.follow.channel_prefix);
     while (!IsInSync(*replica)) bus_.Handle(kTick);
     while (true) {
-      bus_.Handle(kTick);
+      // All that came while it planned, so that it begins where the robot is.
+      for (auto wait = kTick; bus_.Handle(wait) == LcmBus::Handled::kMessage;) wait = {};
       const std::optional<Changes::Change> change = changes.Take();
       if (change) map_.Show(replica->Snapshot());
       if (!start_ || !goal_) continue;

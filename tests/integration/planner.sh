@@ -20,7 +20,7 @@ splinemap simulate office.lcmlog --world-out office.world 2> /dev/null
 sed '/^waypoint/,/^}/d' office.world > door.world
 cat >> door.world << 'EOT'
 wall { x0_m: 15.5 y0_m: 7.5 x1_m: 16.5 y1_m: 7.5 from_s: 4 }
-waypoint { x_m: 14.2 y_m: 6.3 wait_s: 15 }
+waypoint { x_m: 14.2 y_m: 6.3 wait_s: 9 }
 EOT
 splinemap simulate door.world door.lcmlog 2> /dev/null
 
