@@ -217,9 +217,10 @@ Examples:
   splinemap-planner --pose SLAM_POSE --goal 3,6.5
   splinemap-planner --pose POSE --goal-channel GOAL --radius 0.3 --picture path.png
 
-Follows the map of the daemons on a bus and publishes paths as Michigan's path2D_t (robot_path_t): for
-each goal, and again when the map has changed so that the path is blocked. Where there is no way the
-path is the start alone. Goals are pose_xyt_t or bot_core.pose_t. Runs until Ctrl-C.)";
+Follows the map of the daemons on a bus and publishes paths as Michigan's path2D_t
+(robot_path_t): for each goal, and again when the map has changed so that the path is blocked.
+Where there is no way the path is the start alone. Goals are pose_xyt_t or bot_core.pose_t. Runs
+until Ctrl-C.)";
 
 int Main(int argc, char** argv) {
   CLI::App app("splinemap-planner: an example of a planner that asks a map of splinemap.");

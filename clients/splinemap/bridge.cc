@@ -161,12 +161,13 @@ Examples:
   splinemap bridge occupancy-grid --resolution 0.1 --region=-5,-5,20,10
   splinemap bridge occupancy-grid --robot one --channel ONE_MAP --rate-hz 0.2
 
-Follows the daemons on a bus and publishes their map as Michigan's occupancy_grid_t: at most --rate-hz,
-when something changed, and every 5 s. Cells are 12.7 times the log-odds, which fills -127 .. 127 at a
-map's default clamps: greater than 0 occupied, less than 0 free, and 0 unknown only; what is known and
-would round to 0 is 1 or -1. Where cells are larger than the map's knot interval they have the greatest
-log-odds within, so that thin walls stay. The origin is the lower left corner of the first cell; utime
-is the time of publishing. Ends with status 1 when the map has more than 4 million cells.)";
+Follows the daemons on a bus and publishes their map as Michigan's occupancy_grid_t: at most
+--rate-hz, when something changed, and every 5 s. Cells are 12.7 times the log-odds, which fills
+-127 .. 127 at a map's default clamps: greater than 0 occupied, less than 0 free, and 0 unknown
+only; what is known and would round to 0 is 1 or -1. Where cells are larger than the map's knot
+interval they have the greatest log-odds within, so that thin walls stay. The origin is the
+lower left corner of the first cell; utime is the time of publishing. Ends with status 1 when
+the map has more than 4 million cells.)";
 
 }  // namespace
 
