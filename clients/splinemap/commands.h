@@ -28,6 +28,7 @@ absl::Status SaveAs(const MapSnapshot& map, const std::string& out);
 int ReportDamages(const LoadedMap& loaded);
 
 // Each adds one subcommand, which sets `chosen` when it is on the command line.
+void AddBridge(CLI::App& app, Command& chosen);
 void AddBuild(CLI::App& app, Command& chosen);
 void AddDiff(CLI::App& app, Command& chosen);
 void AddDoctor(CLI::App& app, Command& chosen);

@@ -32,6 +32,7 @@ int Main(int argc, char** argv) {
   AddDoctor(app, chosen);
   AddWatch(app, chosen);
   AddSnapshot(app, chosen);
+  AddBridge(app, chosen);
   AddSimulate(app, chosen);
   AddImportCarmen(app, chosen);
   try {

@@ -8,6 +8,8 @@
 #include "lcmtypes/bot_core/pose_t.hpp"
 #include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
+#include "lcmtypes/michigan/occupancy_grid_t.hpp"
+#include "lcmtypes/michigan/path2D_t.hpp"
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/status.h"
@@ -429,10 +431,11 @@ bool IsPose(MessageType type) {
 }
 
 std::string FingerprintName(uint64_t fingerprint) {
-  // Of the Michigan stacks; only named, never read.
-  constexpr uint64_t kOccupancyGrid = 0xd5447e494a66cc92;
   if (const auto type = TypeOfFingerprint(fingerprint)) return TypeName(*type);
-  if (fingerprint == kOccupancyGrid) return "occupancy_grid_t";
+  // Published for the Michigan stacks, never read.
+  const auto hash = static_cast<int64_t>(fingerprint);
+  if (hash == michigan::occupancy_grid_t::getHash()) return "occupancy_grid_t";
+  if (hash == michigan::path2D_t::getHash()) return "path2D_t";
   return "";
 }
 

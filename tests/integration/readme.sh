@@ -62,6 +62,11 @@ for command in "${commands[@]}"; do
       kill -INT "$daemon"
       wait "$daemon" || fail "the daemon failed: $(cat daemon.log)"
       ;;
+    "splinemap-planner "*)
+      command -v splinemap-planner > /dev/null || { echo "skipped, OMPL is not there: $command"; continue; }
+      expect 124 timeout 2 "${words[@]}"
+      ;;
+    "splinemap bridge "*) expect 124 timeout 2 "${words[@]}" ;;
     "splinemap watch") expect 1 timeout 10 splinemap watch ;;
     "splinemap doctor --live "*) expect 1 splinemap doctor --live --seconds 1 ;;
     *) expect 0 "${words[@]}" ;;
@@ -69,6 +74,16 @@ for command in "${commands[@]}"; do
   ran=$((ran + 1))
 done
 echo "readme: $ran commands ran"
+
+# What is quoted from a source file is in it, line by line.
+quoted=0
+while IFS=$'\t' read -r file line; do
+  grep -qxF -- "$line" <(sed 's/^ *//' "$top/$file") || fail "not in $file: $line"
+  quoted=$((quoted + 1))
+done < <(awk '/^<!-- in / { file = $3; next } /^```/ { inside = ($0 == "```cpp" && file != ""); if (!inside) file = ""; next }
+  inside { sub(/^ */, ""); print file "\t" $0 }' "$top/README.md")
+((quoted > 5)) || fail "only $quoted quoted lines found"
+echo "readme: $quoted lines are quoted from sources"
 
 # The tests that tests/README.md names are there.
 # shellcheck disable=SC2016  # the quotes are Markdown's

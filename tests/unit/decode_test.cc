@@ -178,8 +178,11 @@ TEST(DecodeTest, AnotherTypeIsNamedByItsFingerprint) {
 }
 
 TEST(DecodeTest, MessagesAreDescribedAsFarAsTheyAreKnown) {
+  // As the Michigan stacks have them.
   const std::vector<uint8_t> grid = {0xd5, 0x44, 0x7e, 0x49, 0x4a, 0x66, 0xcc, 0x92, 0};
   EXPECT_NE(Describe(grid).find("occupancy_grid_t"), std::string::npos);
+  const std::vector<uint8_t> path = {0xef, 0xad, 0xf5, 0x83, 0xaf, 0x37, 0x40, 0x79, 0};
+  EXPECT_NE(Describe(path).find("path2D_t"), std::string::npos);
   EXPECT_NE(Describe(OneOfEach()[2]).find("bot_core.pose_t"), std::string::npos);
   EXPECT_NE(Describe(std::vector<uint8_t>(20)).find("0x0000000000000000"), std::string::npos);
   EXPECT_EQ(Describe(std::vector<uint8_t>(3)), "3 bytes that are no LCM message");

@@ -1,0 +1,203 @@
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <thread>
+
+#include "clients/replica/map_replica.h"
+#include "clients/splinemap/commands.h"
+#include "clients/splinemap/region_flag.h"
+#include "lcmtypes/michigan/occupancy_grid_t.hpp"
+#include "lib/base/status.h"
+#include "lib/query/local_map.h"
+#include "lib/render/pixel_grid.h"
+#include "lib/wire/lcm_bus.h"
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+
+struct Flags {
+  std::string lcm_url;
+  std::string channel = "SLAM_MAP";
+  std::string region;
+  FollowOptions follow;
+  double rate_hz = 1;
+  std::optional<double> resolution_m;
+};
+
+constexpr double kMaxCells = 4e6;           // and as many bytes of a message
+constexpr int kManyCells = 100'000;         // LCM begins to lose messages of this size
+constexpr std::chrono::seconds kRepeat(5);  // for those who come late
+constexpr milliseconds kTick(10);
+
+// Cells use the whole of an int8 at the clamps that maps have by default, -10 and 10. What is known
+// is never 0, which says "unknown".
+int8_t CellOf(int16_t units) {
+  if (units == 0) return 0;
+  constexpr double kCellsPerLogOdds = 12.7;
+  const double cell = std::round(units * kCellsPerLogOdds / kUnitsPerLogOdds);
+  return static_cast<int8_t>(units < 0 ? std::clamp(cell, -127.0, -1.0)
+                                       : std::clamp(cell, 1.0, 127.0));
+}
+
+// Each cell is the greatest of `samples` x `samples` points of the surface, no further apart than
+// its control points, so that coarse cells keep thin walls.
+struct CellGrid {
+  int samples = 1;
+  int width = 0;
+  int height = 0;
+  double cell_m = 0;
+  Eigen::Vector2d first_sample_m;  // the lower left one of the lower left cell
+
+  double sample_m() const { return cell_m / samples; }
+};
+
+absl::StatusOr<CellGrid> GridOf(const MapSnapshot& map, const std::optional<Region>& region,
+                                double cell_m) {
+  CellGrid grid;
+  grid.cell_m = cell_m;
+  grid.samples = static_cast<int>(std::ceil(cell_m / map.options.knot_interval_m - 1e-6));
+  SPLINEMAP_ASSIGN_OR_RETURN(const PixelGrid pixels, GridOfRegion(map, region, grid.sample_m()));
+  // Cells begin at multiples of their size, so that they stay where they are when the map grows.
+  const auto cell = [&](double sample_m) {
+    return static_cast<int>(std::floor(std::round(sample_m / grid.sample_m()) / grid.samples));
+  };
+  const int left = cell(pixels.CentreX(0));
+  const int bottom = cell(pixels.CentreY(pixels.height - 1));
+  grid.width = cell(pixels.CentreX(pixels.width - 1)) - left + 1;
+  grid.height = cell(pixels.CentreY(0)) - bottom + 1;
+  grid.first_sample_m = cell_m * Eigen::Vector2d(left, bottom);
+  const double cells = double{1} * grid.width * grid.height;
+  if (cells > kMaxCells) {
+    return FailedPrecondition(
+        "a message of {} x {} cells is too large for LCM, {:g} are the most; make it smaller with "
+        "--region, or with --resolution greater than {} m",
+        grid.width, grid.height, kMaxCells, cell_m);
+  }
+  return grid;
+}
+
+absl::StatusOr<michigan::occupancy_grid_t> GridMessage(const QueryableMap& map,
+                                                       const CellGrid& grid) {
+  RasterQuery query;
+  query.first_m = grid.first_sample_m;
+  query.resolution_m = grid.sample_m();
+  query.width = grid.width * grid.samples;
+  query.height = grid.height * grid.samples;
+  SPLINEMAP_ASSIGN_OR_RETURN(const RasterQuery::Answer raster, map.Ask(query));
+
+  std::vector<int16_t> greatest(size_t{1} * grid.width * grid.height);
+  for (int row = 0; row < query.height; ++row) {
+    for (int column = 0; column < query.width; ++column) {
+      const int16_t sample = raster.cells[size_t{1} * row * query.width + column];
+      int16_t& cell =
+          greatest[size_t{1} * (row / grid.samples) * grid.width + column / grid.samples];
+      if (sample != 0 && (cell == 0 || sample > cell)) cell = sample;
+    }
+  }
+  michigan::occupancy_grid_t message;
+  message.utime = std::chrono::duration_cast<std::chrono::microseconds>(
+                      std::chrono::system_clock::now().time_since_epoch())
+                      .count();
+  const Eigen::Vector2d origin_m =
+      grid.first_sample_m - Eigen::Vector2d::Constant(grid.sample_m() / 2);
+  message.origin_x = static_cast<float>(origin_m.x());
+  message.origin_y = static_cast<float>(origin_m.y());
+  message.meters_per_cell = static_cast<float>(grid.cell_m);
+  message.width = grid.width;
+  message.height = grid.height;
+  message.num_cells = grid.width * grid.height;
+  std::transform(greatest.begin(), greatest.end(), std::back_inserter(message.cells), CellOf);
+  return message;
+}
+
+// Until the user ends it, or the map is too large.
+absl::StatusOr<int> BridgeOccupancyGrid(Flags flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(flags.follow.region, ParseRegion(flags.region));
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
+  std::atomic<bool> is_changed = false;
+  SPLINEMAP_ASSIGN_OR_RETURN(
+      const auto replica,
+      MapReplica::Follow(flags.lcm_url, flags.follow,
+                         [&](const MapSnapshot&, const Region&) { is_changed = true; }));
+  const auto interval = std::chrono::duration<double>(1 / flags.rate_hz);
+  std::optional<Clock::time_point> last_publish;
+  bool has_said_size = false;
+  while (true) {
+    std::this_thread::sleep_for(kTick);
+    const Clock::time_point now = Clock::now();
+    if (last_publish && now - *last_publish < interval) continue;
+    const bool repeats = last_publish && now - *last_publish >= kRepeat;
+    if (!is_changed.exchange(false) && !repeats) continue;
+    const std::shared_ptr<const MapSnapshot> map = replica->Snapshot();
+    const absl::StatusOr<CellGrid> grid = GridOf(
+        *map, flags.follow.region, flags.resolution_m.value_or(map->options.knot_interval_m));
+    SPLINEMAP_RETURN_IF_ERROR(grid.status());
+    SPLINEMAP_ASSIGN_OR_RETURN(const auto message, GridMessage(LocalMap(map), *grid));
+    bus->Publish(flags.channel, message);
+    if (!last_publish) {
+      fmt::print(stderr, "{}: {} x {} cells of {} m\n", flags.channel, grid->width, grid->height,
+                 grid->cell_m);
+    }
+    if (message.num_cells > kManyCells && !has_said_size) {
+      has_said_size = true;
+      fmt::print(stderr,
+                 "{}: messages of {} kB; LCM over UDP loses some of this size, fewer where "
+                 "receivers have recv_buf_size= in their URL; --resolution and --region make them "
+                 "smaller\n",
+                 flags.channel, message.num_cells / 1000);
+    }
+    last_publish = now;
+  }
+}
+
+constexpr const char* kExamples = R"(
+Examples:
+  splinemap bridge occupancy-grid
+  splinemap bridge occupancy-grid --resolution 0.1 --region=-5,-5,20,10
+  splinemap bridge occupancy-grid --robot one --channel ONE_MAP --rate-hz 0.2
+
+Follows the daemons on a bus and publishes their map as Michigan's occupancy_grid_t: at most
+--rate-hz, when something changed, and every 5 s. Cells are 12.7 times the log-odds, which fills
+-127 .. 127 at a map's default clamps: greater than 0 occupied, less than 0 free, and 0 unknown
+only; what is known and would round to 0 is 1 or -1. Where cells are larger than the map's knot
+interval they have the greatest log-odds within, so that thin walls stay. The origin is the
+lower left corner of the first cell; utime is the time of publishing. Ends with status 1 when
+the map has more than 4 million cells.)";
+
+}  // namespace
+
+void AddBridge(CLI::App& app, Command& chosen) {
+  auto flags = std::make_shared<Flags>();
+  CLI::App* bridge =
+      app.add_subcommand("bridge", "Publish the map that is on a bus as other stacks know maps");
+  bridge->require_subcommand(1);
+  bridge->footer(
+      "\nExample:\n  splinemap bridge occupancy-grid\n\n"
+      "splinemap bridge occupancy-grid --help explains it.");
+  CLI::App* command = bridge->add_subcommand("occupancy-grid",
+                                             "As Michigan's occupancy_grid_t, for botlab and mbot");
+  command->footer(kExamples);
+  command->add_option("--lcm-url", flags->lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
+      ->type_name("URL");
+  command->add_option("--channel", flags->channel, "To publish on (default SLAM_MAP)");
+  command->add_option("--prefix", flags->follow.channel_prefix, "channel_prefix of the daemons");
+  command
+      ->add_option("--robot", flags->follow.names, "Only the layers of this robot; may be repeated")
+      ->type_name("NAME");
+  command->add_option("--rate-hz", flags->rate_hz, "Messages a second at most (default 1)")
+      ->check(CLI::Range(0.01, 100.0));
+  command
+      ->add_option("--resolution", flags->resolution_m,
+                   "m, side of a cell (default: the map's knot interval)")
+      ->check(CLI::Range(0.001, 100.0));
+  command->add_option("--region", flags->region, "Only this part of the map frame, in m")
+      ->type_name("X0,Y0,X1,Y1");
+  command->callback([flags, &chosen] { chosen = [flags] { return BridgeOccupancyGrid(*flags); }; });
+}
+
+}  // namespace splinemap
