@@ -1,6 +1,7 @@
 #include "lib/query/obstacle_search.h"
 
 #include <algorithm>
+#include <bit>
 
 namespace splinemap {
 namespace {
@@ -154,6 +155,10 @@ ObstacleSearch::Found ObstacleSearch::Search(const Ranking& ranking) {
       OpenBlock(ranking, item.square);
       continue;
     }
+    if (item.kind == Kind::kCell) {
+      OpenCell(ranking, item.square);
+      continue;
+    }
     is_certified_ = false;
     const double half = item.square.side / 2;
     if (item.square.side <= kFinestSide) {
@@ -194,22 +199,26 @@ template <typename Ranking>
 void ObstacleSearch::OpenBlock(const Ranking& ranking, const SearchSquare& block) {
   const auto i = static_cast<int32_t>(block.low.x());
   const auto j = static_cast<int32_t>(block.low.y());
+  const TileBounds& tile = *bounds_.tiles.Find(TileOf(i, j));
   for (int dj = 0; dj < TileBounds::kBlockSide; ++dj) {
-    for (int di = 0; di < TileBounds::kBlockSide; ++di) {
-      const SearchSquare cell{block.low + Eigen::Vector2d(di, dj), 1};
-      const CellPatch patch = patches_.Read(i + di, j + dj);
-      OpenCell(ranking, patch, cell);
+    const int row = (j & (Tile::kSide - 1)) + dj;
+    uint32_t cells = threshold_ < 0 ? ~uint32_t{0} : tile.positive[row];
+    if (unknown_ == Unknown::kStops) cells |= tile.unknown[row];
+    cells = cells >> (i & (Tile::kSide - 1)) & ((1 << TileBounds::kBlockSide) - 1);
+    for (; cells != 0; cells &= cells - 1) {
+      const SearchSquare cell{block.low + Eigen::Vector2d(std::countr_zero(cells), dj), 1};
+      Push({ranking.Rank(cell), Kind::kCell, cell, 0});
     }
   }
 }
 
 template <typename Ranking>
-void ObstacleSearch::OpenCell(const Ranking& ranking, const CellPatch& patch,
-                              const SearchSquare& cell) {
+void ObstacleSearch::OpenCell(const Ranking& ranking, const SearchSquare& cell) {
+  const CellPatch patch = patches_.Read(static_cast<int32_t>(cell.low.x()),
+                                        static_cast<int32_t>(cell.low.y()));
   const Bounds bounds = patch.bounds();
   if (IsClear(bounds)) return;
   const double rank = ranking.Rank(cell);
-  if (rank == kInfinity) return;
   if (bounds.all_known) {
     if (bounds.lower >= threshold_) {
       Push({rank, Kind::kOccupied, cell, 0});

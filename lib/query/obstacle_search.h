@@ -81,6 +81,7 @@ class ObstacleSearch {
  private:
   enum class Kind : int8_t {
     kBlock,     // to be looked at more closely
+    kCell,
     kSurface,   // known, and `net` is not below the threshold everywhere
     kOccupied,  // all of it
     kUnknown
@@ -104,7 +105,7 @@ class ObstacleSearch {
   template <typename Ranking>
   void OpenBlock(const Ranking& ranking, const SearchSquare& block);
   template <typename Ranking>
-  void OpenCell(const Ranking& ranking, const CellPatch& patch, const SearchSquare& cell);
+  void OpenCell(const Ranking& ranking, const SearchSquare& cell);
   template <typename Ranking>
   void AddSurface(const Ranking& ranking, const BezierNet& net, const SearchSquare& square);
 

@@ -46,6 +46,26 @@ class Neighbourhood {
 
   bool is_empty() const { return is_empty_; }
 
+  void MarkCells(TileBounds& bounds) const {
+    std::array<uint64_t, kSide> positive{};
+    std::array<uint64_t, kSide> untouched{};
+    for (int y = 0; y < kSide; ++y) {
+      for (int x = 0; x < kSide; ++x) {
+        positive[y] |= uint64_t{rows_[y][x] > 0} << x;
+        untouched[y] |= uint64_t{rows_[y][x] == 0} << x;
+      }
+      // Bit x: of the four (two) that decide cell x (are nearest to it), those of this row.
+      positive[y] |= positive[y] >> 1;
+      positive[y] |= positive[y] >> 2;
+      untouched[y] = untouched[y] >> 1 | untouched[y] >> 2;
+    }
+    for (int y = 0; y < Tile::kSide; ++y) {
+      bounds.positive[y] = static_cast<uint32_t>(positive[y] | positive[y + 1] | positive[y + 2] |
+                                                 positive[y + 3]);
+      bounds.unknown[y] = static_cast<uint32_t>(untouched[y + 1] | untouched[y + 2]);
+    }
+  }
+
   Bounds OfBlock(int bx, int by) const {
     constexpr int kBlockSide = TileBounds::kBlockSide;
     Extremes extremes;
@@ -85,6 +105,7 @@ std::optional<TileBounds> BoundsOfTile(const TileTree& tiles, TileKey key) {
   const Neighbourhood neighbourhood(tiles, key);
   if (neighbourhood.is_empty()) return std::nullopt;
   TileBounds bounds;
+  neighbourhood.MarkCells(bounds);
   bounds.whole.all_known = true;
   bounds.whole.lower = std::numeric_limits<float>::infinity();
   for (int by = 0; by < TileBounds::kBlocks; ++by) {

@@ -42,6 +42,10 @@ struct TileBounds {
 
   Bounds whole;
   std::array<Bounds, kBlocks * kBlocks> blocks;  // x runs fastest
+  // By row of cells, a bit for each: where points that are known may have more than 0, and where
+  // not all points are known.
+  std::array<uint32_t, Tile::kSide> positive{};
+  std::array<uint32_t, Tile::kSide> unknown{};
 };
 
 // The bounds of a map. Tiles that are absent have no known point. Immutable.
