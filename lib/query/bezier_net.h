@@ -43,14 +43,38 @@ struct BezierNet {
 
   double Greatest() const {
     double greatest = rows[0][0];
-    for (const auto& row : rows)
-      greatest = std::max(greatest, *std::max_element(row.begin(), row.end()));
+    for (const auto& row : rows) {
+      for (const double value : row) greatest = value > greatest ? value : greatest;
+    }
     return greatest;
   }
   double Least() const {
     double least = rows[0][0];
-    for (const auto& row : rows) least = std::min(least, *std::min_element(row.begin(), row.end()));
+    for (const auto& row : rows) {
+      for (const double value : row) least = value < least ? value : least;
+    }
     return least;
+  }
+
+  // A linear function that is nowhere less than the surface: `at_corner` at (0, 0), by `slope_x`
+  // and `slope_y` more from side to side.
+  struct Plane {
+    double at_corner;
+    double slope_x;
+    double slope_y;
+  };
+  Plane Above() const {
+    Plane plane;
+    plane.slope_x = (rows[0][3] - rows[0][0] + rows[3][3] - rows[3][0]) / 2;
+    plane.slope_y = (rows[3][0] - rows[0][0] + rows[3][3] - rows[0][3]) / 2;
+    plane.at_corner = rows[0][0];
+    for (int k = 0; k < 4; ++k) {
+      for (int l = 0; l < 4; ++l) {
+        plane.at_corner =
+            std::max(plane.at_corner, rows[k][l] - (l * plane.slope_x + k * plane.slope_y) / 3);
+      }
+    }
+    return plane;
   }
 
   // Along the diagonal from (0, 0) to (1, 1): a polynomial of degree 6 as Bezier coefficients.

@@ -56,9 +56,8 @@ DistancesQuery::Distance FindDistance(ObstacleSearch& search, const Eigen::Vecto
     const ObstacleSearch::Found found = search.Nearest({point, reach});
     if (found.occupancy == Occupancy::kOccupied) {
       const Eigen::Vector2d away = point - found.square.NearestTo(point);
-      const double distance = away.norm();
-      if (distance == 0) return {};
-      return {distance * knot_interval_m, away / distance};
+      if (away.isZero(0)) return {};
+      return {found.rank * knot_interval_m, away.normalized()};
     }
     if (reach == max) return {max_distance_m, Eigen::Vector2d::Zero()};
   }

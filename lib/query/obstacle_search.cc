@@ -22,6 +22,17 @@ bool IsOnMap(const Eigen::Vector2d& low, const Eigen::Vector2d& high) {
          std::max(high.x(), high.y()) < kMaxKnotIndex;
 }
 
+// What of the square is occupied lies in there. That bounds the way to it far better than the
+// square alone does: the error goes with the square of the side.
+HalfPlane OccupiedPart(const BezierNet& net, const SearchSquare& square, double threshold) {
+  const BezierNet::Plane plane = net.Above();
+  const Eigen::Vector2d slope = Eigen::Vector2d(plane.slope_x, plane.slope_y) / square.side;
+  const double steepness = slope.norm();
+  if (steepness == 0) return {Eigen::Vector2d::UnitX(), -kInfinity};
+  const Eigen::Vector2d normal = slope / steepness;
+  return {normal, (threshold - plane.at_corner) / steepness + normal.dot(square.low) - kTouching};
+}
+
 }  // namespace
 
 // The distance of a point of the way from the square is convex in the length gone, and its square
@@ -78,6 +89,20 @@ double NearSweep::Rank(const SearchSquare& square) const {
     if (first <= std::min(last, ends[k + 1])) return first;
   }
   return kInfinity;
+}
+
+double NearSweep::Rank(const HalfPlane& half) const {
+  const double missing = half.offset - radius - kTouching - half.normal.dot(from);
+  if (missing <= 0) return 0;
+  const double length = (to - from).norm();
+  const double approach = half.normal.dot(to - from);  // over the whole length
+  return missing <= approach ? missing / approach * length : kInfinity;
+}
+
+bool NearSweep::Touches(const SearchSquare& square, double gone) const {
+  const double length = (to - from).norm();
+  const Eigen::Vector2d centre = length > 0 ? from + gone / length * (to - from) : from;
+  return (square.NearestTo(centre) - centre).norm() <= radius + 2 * kTouching;
 }
 
 ObstacleSearch::ObstacleSearch(const MapSnapshot& map, const SurfaceBounds& bounds,
@@ -214,8 +239,8 @@ void ObstacleSearch::OpenBlock(const Ranking& ranking, const SearchSquare& block
 
 template <typename Ranking>
 void ObstacleSearch::OpenCell(const Ranking& ranking, const SearchSquare& cell) {
-  const CellPatch patch = patches_.Read(static_cast<int32_t>(cell.low.x()),
-                                        static_cast<int32_t>(cell.low.y()));
+  const CellPatch patch =
+      patches_.Read(static_cast<int32_t>(cell.low.x()), static_cast<int32_t>(cell.low.y()));
   const Bounds bounds = patch.bounds();
   if (IsClear(bounds)) return;
   const double rank = ranking.Rank(cell);
@@ -246,7 +271,7 @@ void ObstacleSearch::OpenCell(const Ranking& ranking, const SearchSquare& cell) 
 template <typename Ranking>
 void ObstacleSearch::AddSurface(const Ranking& ranking, const BezierNet& net,
                                 const SearchSquare& square) {
-  const double rank = ranking.Rank(square);
+  double rank = ranking.Rank(square);
   if (rank == kInfinity) return;
   if (net.Greatest() < threshold_) {
     is_certified_ = false;  // it was the surface that said so, not the control points
@@ -255,6 +280,15 @@ void ObstacleSearch::AddSurface(const Ranking& ranking, const BezierNet& net,
   if (net.Least() >= threshold_) {
     Push({rank, Kind::kOccupied, square, 0});
     return;
+  }
+  const HalfPlane occupied = OccupiedPart(net, square, threshold_);
+  const double rank_of_part = ranking.Rank(occupied);
+  if (rank_of_part > rank) {
+    rank = rank_of_part;
+    if (rank == kInfinity || !ranking.Touches(square, rank)) {
+      is_certified_ = false;
+      return;
+    }
   }
   Push({rank, Kind::kSurface, square, static_cast<int>(nets_.size())});
   nets_.push_back(net);

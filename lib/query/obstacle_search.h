@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -25,7 +26,13 @@ struct SearchSquare {
   }
 };
 
-// Squares at the distance from a point; those beyond `max` do not count.
+// All points q with normal . q >= offset, in knot intervals; the normal has length 1.
+struct HalfPlane {
+  Eigen::Vector2d normal;
+  double offset;
+};
+
+// Squares and half-planes at the distance from a point; those beyond `max` do not count.
 struct NearPoint {
   Eigen::Vector2d point;
   double max;
@@ -36,10 +43,15 @@ struct NearPoint {
     const double distance = (square.NearestTo(point) - point).norm();
     return distance <= max ? distance : std::numeric_limits<double>::infinity();
   }
+  bool Touches(const SearchSquare&, double /*rank*/) const { return true; }
+  double Rank(const HalfPlane& half) const {
+    const double distance = half.offset - half.normal.dot(point);
+    return distance <= max ? std::max(distance, 0.0) : std::numeric_limits<double>::infinity();
+  }
 };
 
-// Squares at how far from `from` the centre of a disc has gone on its way to `to` when it touches
-// them; those that it never touches do not count.
+// Squares and half-planes at how far from `from` the centre of a disc has gone on its way to `to`
+// when it touches them; those that it never touches do not count.
 struct NearSweep {
   Eigen::Vector2d from;
   Eigen::Vector2d to;
@@ -48,14 +60,17 @@ struct NearSweep {
   Eigen::Vector2d low() const { return from.cwiseMin(to) - Eigen::Vector2d::Constant(radius); }
   Eigen::Vector2d high() const { return from.cwiseMax(to) + Eigen::Vector2d::Constant(radius); }
   double Rank(const SearchSquare& square) const;
+  double Rank(const HalfPlane& half) const;
+  // Whether the disc touches the square when it has gone so far.
+  bool Touches(const SearchSquare& square, double gone) const;
 };
 
 // Finds the square of least rank, of all that a map has, with a point that is occupied, or unknown
-// where that stops: best first, from tiles down to 1/64 knot interval, leaving out what its bounds
+// where that stops: best first, from tiles down to 1/32 knot interval, leaving out what its bounds
 // say is free. Thread-compatible; outlived by what it was made of.
 class ObstacleSearch {
  public:
-  static constexpr double kFinestSide = 1.0 / 64;
+  static constexpr double kFinestSide = 1.0 / 32;
 
   struct Found {
     Occupancy occupancy = Occupancy::kFree;
@@ -80,7 +95,7 @@ class ObstacleSearch {
 
  private:
   enum class Kind : int8_t {
-    kBlock,     // to be looked at more closely
+    kBlock,  // to be looked at more closely
     kCell,
     kSurface,   // known, and `net` is not below the threshold everywhere
     kOccupied,  // all of it

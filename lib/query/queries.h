@@ -82,11 +82,12 @@ struct SweepsQuery {
   struct Result {
     Occupancy occupancy = Occupancy::kFree;
     // Decided by the least and greatest control points alone, between which the surface lies
-    // (equation 4). Else the surface was looked at, to 1/64 knot interval: where it is in doubt
+    // (equation 4). Else the surface was looked at, to 1/32 knot interval: where it is in doubt
     // whether so small a square is occupied, it is.
     bool is_certified = false;
     double free_m = 0;  // length of path up to the first contact; all of it where free
-    Eigen::Vector2d contact_m = Eigen::Vector2d::Zero();  // a point of that; 0 where free
+    // A point of that, to 1/16 knot interval; 0 where free.
+    Eigen::Vector2d contact_m = Eigen::Vector2d::Zero();
   };
   struct Answer {
     uint64_t revision = 0;
@@ -130,7 +131,8 @@ struct LikelihoodsQuery {
   };
 };
 
-// How far the nearest occupied point is.
+// How far the nearest occupied point is. Never more than that; at most 1/16 knot interval less than
+// to the nearest point of log-odds 0.1 below the threshold.
 struct DistancesQuery {
   static constexpr double kMaxDistance_m = 100;
 

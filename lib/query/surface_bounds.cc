@@ -60,8 +60,8 @@ class Neighbourhood {
       untouched[y] = untouched[y] >> 1 | untouched[y] >> 2;
     }
     for (int y = 0; y < Tile::kSide; ++y) {
-      bounds.positive[y] = static_cast<uint32_t>(positive[y] | positive[y + 1] | positive[y + 2] |
-                                                 positive[y + 3]);
+      bounds.positive[y] =
+          static_cast<uint32_t>(positive[y] | positive[y + 1] | positive[y + 2] | positive[y + 3]);
       bounds.unknown[y] = static_cast<uint32_t>(untouched[y + 1] | untouched[y + 2]);
     }
   }
