@@ -46,7 +46,8 @@ Examples:
 
 Prints how far the nearest occupied point is, --max-distance where none is nearer, and the gradient
 of that, which points away from it. --points takes lines x_m,y_m (more columns are ignored), - for
-stdin, and answers each line with one line; a header is answered with a header.)";
+stdin, and answers each line with one line, with --live 10,000 at a time; a header is answered with
+a header.)";
 
 }  // namespace
 

@@ -56,7 +56,8 @@ Examples:
 
 Units: metres in the map frame; log_odds of occupied; its gradient per metre; known is 1 where the
 nearest control point was touched by a measurement. --points takes lines x_m,y_m (more columns are
-ignored), - for stdin, and answers each line with one line; a header is answered with a header.)";
+ignored), - for stdin, and answers each line with one line, with --live 10,000 at a time; a header
+is answered with a header.)";
 
 }  // namespace
 

@@ -48,8 +48,8 @@ Examples:
 
 Prints what ends the ray, and where: occupied or unknown; free after --max-range. Bearings are in
 degrees, counter-clockwise from the x axis of the map frame. --rays takes lines x_m,y_m,bearing_deg
-(more columns are ignored), - for stdin, and answers each line with one line; a header is answered
-with a header.)";
+(more columns are ignored), - for stdin, and answers each line with one line, with --live 10,000
+at a time; a header is answered with a header.)";
 
 }  // namespace
 
