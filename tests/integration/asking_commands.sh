@@ -47,7 +47,8 @@ same 0 query 2.0 0.5 --hessian
 same 0 query 50 50
 expect 0 splinemap query 50 50 --live --robot robot
 same 0 ray -0.5 -0.25 -90
-awk -F, 'NR == 2 && $1 == "occupied" && $2 > 1.6 && $2 < 1.8 { found = 1 } END { exit !found }' out ||
+awk -F, 'NR == 2 && $1 == "occupied" && $2 > 1.6 && $2 < 1.8 { found = 1 }
+  END { exit !found }' out ||
   fail "no wall at y = -2: $(cat out)"
 same 0 ray 0 0 45 --max-range 0.5
 [[ $(tail -n 1 out) == free,0.500000 ]] || fail "not free: $(cat out)"
