@@ -30,12 +30,16 @@ int ReportDamages(const LoadedMap& loaded);
 // Each adds one subcommand, which sets `chosen` when it is on the command line.
 void AddBridge(CLI::App& app, Command& chosen);
 void AddBuild(CLI::App& app, Command& chosen);
+void AddCheck(CLI::App& app, Command& chosen);
 void AddDiff(CLI::App& app, Command& chosen);
+void AddDistance(CLI::App& app, Command& chosen);
 void AddDoctor(CLI::App& app, Command& chosen);
 void AddExport(CLI::App& app, Command& chosen);
 void AddImportCarmen(CLI::App& app, Command& chosen);
 void AddInfo(CLI::App& app, Command& chosen);
 void AddQuery(CLI::App& app, Command& chosen);
+void AddRaster(CLI::App& app, Command& chosen);
+void AddRay(CLI::App& app, Command& chosen);
 void AddRender(CLI::App& app, Command& chosen);
 void AddSimulate(CLI::App& app, Command& chosen);
 void AddSnapshot(CLI::App& app, Command& chosen);

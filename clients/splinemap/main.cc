@@ -27,6 +27,10 @@ int Main(int argc, char** argv) {
   AddInfo(app, chosen);
   AddRender(app, chosen);
   AddQuery(app, chosen);
+  AddRay(app, chosen);
+  AddCheck(app, chosen);
+  AddDistance(app, chosen);
+  AddRaster(app, chosen);
   AddExport(app, chosen);
   AddDiff(app, chosen);
   AddDoctor(app, chosen);

@@ -10,6 +10,10 @@
 
 namespace splinemap {
 
+uint8_t KnownPixel(double log_odds) {
+  return static_cast<uint8_t>(255 - std::lround(254 * Probability(log_odds)));
+}
+
 Raster RenderMap(const MapSnapshot& map, const PixelGrid& grid) {
   Raster raster;
   raster.grid = grid;
@@ -18,9 +22,7 @@ Raster RenderMap(const MapSnapshot& map, const PixelGrid& grid) {
     const double y_m = grid.CentreY(row);
     for (int column = 0; column < grid.width; ++column) {
       const SurfaceSample sample = map.Evaluate(grid.CentreX(column), y_m);
-      raster.pixels.push_back(
-          sample.known ? static_cast<uint8_t>(255 - std::lround(254 * Probability(sample.log_odds)))
-                       : Raster::kUnknown);
+      raster.pixels.push_back(sample.known ? KnownPixel(sample.log_odds) : Raster::kUnknown);
     }
   }
   return raster;

@@ -22,6 +22,9 @@ struct Raster {
   uint8_t at(int column, int row) const { return pixels[size_t{1} * row * grid.width + column]; }
 };
 
+// The pixel of a known point.
+uint8_t KnownPixel(double log_odds);
+
 // Evaluates the spline at the centre of each pixel.
 Raster RenderMap(const MapSnapshot& map, const PixelGrid& grid);
 
