@@ -37,8 +37,11 @@ std::shared_ptr<const MapSnapshot> LocalMap::Snapshot() const {
 }
 
 LocalMap::BoundedMap LocalMap::Bounded() const {
-  MutexLock lock(mutex_);
-  if (bounded_.map != map_) bounded_ = {map_, bounds_.Update(*map_)};
+  MutexLock lock(bounds_mutex_);
+  if (auto map = Snapshot(); bounded_.map != map) {
+    bounded_.bounds = bounds_.Update(*map);
+    bounded_.map = std::move(map);
+  }
   return bounded_;
 }
 

@@ -38,8 +38,10 @@ class LocalMap : public QueryableMap {
 
   mutable Mutex mutex_;
   std::shared_ptr<const MapSnapshot> map_ ABSL_GUARDED_BY(mutex_);
-  mutable SurfaceBoundsEditor bounds_ ABSL_GUARDED_BY(mutex_);
-  mutable BoundedMap bounded_ ABSL_GUARDED_BY(mutex_);  // of the last call of Bounded()
+  // One of its own, so that neither Show() nor other queries wait while bounds are made.
+  mutable Mutex bounds_mutex_;
+  mutable SurfaceBoundsEditor bounds_ ABSL_GUARDED_BY(bounds_mutex_);
+  mutable BoundedMap bounded_ ABSL_GUARDED_BY(bounds_mutex_);  // of the last call of Bounded()
 };
 
 }  // namespace splinemap

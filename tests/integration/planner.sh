@@ -34,6 +34,7 @@ logger=$!
 splinemap-planner --pose POSE --goal 16.2,9.3 --radius 0.2 --picture path.png 2> planner.log &
 planner=$!
 lcm-logplayer door.lcmlog > /dev/null
+await grep -q "replanned in" planner.log
 expect 0 splinemap snapshot closed.splinemap
 kill -0 "$planner" || fail "the planner ended: $(cat planner.log)"
 
