@@ -206,7 +206,7 @@ TEST(LocalMapTest, SweepsEndWhereStepsOfADiscDo) {
         left_m -= part;
         if (left_m <= 0) break;
       }
-      EXPECT_LE((result.contact_m - centre_m).norm(), sweep.radius_m + kKnot_m / 16);
+      EXPECT_LE((result.contact_m - centre_m).norm(), sweep.radius_m + kKnot_m / 32);
       double most = -1e9;
       bool known = false;
       bool unknown = false;
