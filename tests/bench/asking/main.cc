@@ -136,7 +136,8 @@ void Fill(const Grid& grid, octomap::OcTree& tree) {
   tree.updateInnerOccupancy();
 }
 
-cv::Mat DistanceImage(const Grid& grid) {
+// What cv::distanceTransform() takes.
+cv::Mat ObstacleImage(const Grid& grid) {
   cv::Mat obstacles(grid.height, grid.width, CV_8U);
   for (size_t n = 0; n < grid.cells.size(); ++n) obstacles.data[n] = grid.cells[n] > 0 ? 0 : 1;
   return obstacles;
@@ -154,9 +155,10 @@ void Compete(const std::string& what, size_t items, int repetitions,
   for (int n = 0; n < repetitions; ++n) {
     for (size_t k = 0; k < all.size(); ++k) times_s[k].push_back(SecondsOf(all[k].work));
   }
-  const double own = items / Median(times_s[0]);
+  const auto count = static_cast<double>(items);
+  const double own = count / Median(times_s[0]);
   for (size_t k = 1; k < all.size(); ++k) {
-    const double peer = items / Median(times_s[k]);
+    const double peer = count / Median(times_s[k]);
     fmt::print("{:<34} | {:>10.3g} | {:<34} {:>10.3g} | {:>8.3f}\n", what, own, all[k].name, peer,
                own / peer);
   }
@@ -182,13 +184,14 @@ void Run(const Workload& workload, int repetitions, size_t items) {
   }
   dynamic.update();
   cv::Mat image;
-  cv::distanceTransform(DistanceImage(grid), image, cv::DIST_L2, cv::DIST_MASK_PRECISE);
+  cv::distanceTransform(ObstacleImage(grid), image, cv::DIST_L2, cv::DIST_MASK_PRECISE);
 
   std::mt19937_64 random(1);
   const auto uniform = [&](double end) {
     return std::uniform_real_distribution<double>(0, end)(random);
   };
-  RaysQuery rays{.unknown = Unknown::kPasses};
+  RaysQuery rays;
+  rays.unknown = Unknown::kPasses;
   const size_t stride = std::max<size_t>(1, mapped * 360 / items);
   for (size_t n = 0; n < mapped; n += stride) {
     for (int beam = 0; beam < 360; ++beam) {
@@ -197,8 +200,10 @@ void Run(const Workload& workload, int repetitions, size_t items) {
           {pose.position_m, pose.yaw_rad + beam * std::numbers::pi / 180, kRayRange_m});
     }
   }
-  SweepsQuery sweeps{.unknown = Unknown::kPasses};
-  DistancesQuery distances{.max_distance_m = kDistance_m};
+  SweepsQuery sweeps;
+  sweeps.unknown = Unknown::kPasses;
+  DistancesQuery distances;
+  distances.max_distance_m = kDistance_m;
   while (distances.points_m.size() < items) {
     distances.points_m.emplace_back(
         bounds_m.min() +
@@ -269,7 +274,7 @@ void Run(const Workload& workload, int repetitions, size_t items) {
       next.IsOccupied(x, y) ? dynamic.occupyCell(x, y, 0) : dynamic.clearCell(x, y, 0);
     }
     dynamic_s.push_back(SecondsOf([&] { dynamic.update(); }));
-    const cv::Mat obstacles = DistanceImage(next);
+    const cv::Mat obstacles = ObstacleImage(next);
     image_s.push_back(SecondsOf(
         [&] { cv::distanceTransform(obstacles, image, cv::DIST_L2, cv::DIST_MASK_PRECISE); }));
     grid = next;
