@@ -238,6 +238,15 @@ void Run(const Workload& workload, int repetitions, size_t items) {
            {"grid, cells of the capsule", [&] {
               for (const Sweep& sweep : sweeps.sweeps) sink = IsClearInGrid(grid, sweep);
             }}});
+  const auto results = map.Ask(sweeps)->results;
+  size_t clear = 0;
+  size_t same = 0;
+  for (size_t n = 0; n < results.size(); ++n) {
+    const bool is_clear = IsClearInGrid(grid, sweeps.sweeps[n]);
+    clear += is_clear ? 1 : 0;
+    same += is_clear == (results[n].occupancy == Occupancy::kFree) ? 1 : 0;
+  }
+  fmt::print("of {} sweeps {} are clear in the grid; {} are alike\n", results.size(), clear, same);
   Compete("distances, 2 m at most", items, repetitions,
           {{"", [&] { sink = map.Ask(distances)->distances[0].distance_m; }},
            {"dynamicEDT3D, lookup",
