@@ -14,7 +14,10 @@ TEST_PACKAGES=(
   libzstd-jni-java xvfb xdotool
 )
 FUZZ_PACKAGES=(clang libclang-rt-14-dev)
-BENCH_PACKAGES=(libbenchmark-dev libmrpt-maps-dev liboctomap-dev python3 python3-matplotlib)
+BENCH_PACKAGES=(
+  libbenchmark-dev libmrpt-maps-dev liboctomap-dev libdynamicedt3d-dev libopencv-imgproc-dev
+  python3 python3-matplotlib
+)
 
 # install_packages ASSUME_YES PACKAGE..: says which are missing and installs them. With ASSUME_YES=no
 # it asks on a terminal first.

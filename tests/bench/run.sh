@@ -53,10 +53,13 @@ done
 
 "$programs/accuracy/accuracy" "${quick[@]}" --out "$out"
 deploy/own_bus.sh "$programs/serving/serving" "${quick[@]}" --json "$out/serving.json" > "$out/serving.txt"
+"$programs/asking/asking_bench" "${quick[@]}" > "$out/asking.txt"
 "$python" tests/bench/accuracy/plot.py "$out"
 {
   "$python" tests/bench/report.py "$out"
   printf '\n## Following a map\n\n'
   sed 's/^/    /' "$out/serving.txt"
+  printf '\n## Asking a map\n\n'
+  sed 's/^/    /' "$out/asking.txt"
 } > build/bench/report.md
 echo "build/bench/report.md"
