@@ -225,7 +225,7 @@ absl::Status CheckUnitQuaternion(const char* type, const double q[4]) {
 
 template <typename Message>
 absl::StatusOr<Message> Decode(MessageType type, absl::Span<const uint8_t> message) {
-  Message decoded;
+  Message decoded{};
   if (!HasRightSize(type, message) ||
       decoded.decode(message.data(), 0, static_cast<int>(message.size())) < 0) {
     return InvalidArgument("{} whose counts do not fit its {} bytes", TypeName(type),
