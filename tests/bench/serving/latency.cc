@@ -13,9 +13,12 @@
 #include <random>
 #include <thread>
 
+#include "clients/client/map_client.h"
 #include "clients/replica/map_replica.h"
 #include "lib/base/status.h"
 #include "lib/pipeline/mapper.h"
+#include "lib/query/local_map.h"
+#include "lib/rpc/messages.h"
 #include "lib/simulation/simulation.h"
 #include "lib/wire/encode.h"
 #include "tests/support/raw_message.h"
@@ -197,7 +200,95 @@ absl::StatusOr<std::vector<double>> TimeServing(const std::vector<Reading>& read
   return Percentiles(std::move(times_ms));
 }
 
+PointsQuery RandomPoints(size_t count) {
+  std::mt19937_64 random(1);
+  std::uniform_real_distribution<double> coordinate_m(0, 20);
+  PointsQuery query;
+  for (size_t k = 0; k < count; ++k) {
+    query.points_m.emplace_back(coordinate_m(random), coordinate_m(random));
+  }
+  return query;
+}
+
+// Of each piece of a query as many bytes as its request and its reply have, half of them each way.
+std::vector<RawMessage> MessagesLike(const PointsQuery& query) {
+  const LocalMap map(std::make_shared<const MapSnapshot>());
+  std::vector<RawMessage> messages;
+  for (const Piece& piece : Cut(query)) {
+    const auto begin = query.points_m.begin();
+    const PointsQuery part{{begin + piece.begin, begin + piece.end}};
+    const size_t bytes =
+        ToMessage(query, piece).getEncodedSize() + ToMessage(*map.Ask(part)).getEncodedSize();
+    messages.push_back({std::vector<uint8_t>(bytes / 2)});
+  }
+  return messages;
+}
+
+absl::StatusOr<Figures> TimeAsking(const PointsQuery& query, const MapClient& client,
+                                   int repetitions) {
+  constexpr size_t kWindow = 8;  // as of MapClient
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto bus, LcmBus::Open(""));
+  size_t num_back = 0;
+  bus->Subscribe(kPong, [&](const std::string&, absl::Span<const uint8_t>) { ++num_back; });
+  const Process echo({"/proc/self/exe", "--echo"});
+  const std::vector<RawMessage> messages = MessagesLike(query);
+  const auto are_echoed = [&] {
+    size_t num_sent = num_back = 0;
+    while (num_back < messages.size()) {
+      while (num_sent < messages.size() && num_sent < num_back + kWindow) {
+        bus->Publish(kPing, messages[num_sent++]);
+      }
+      if (bus->Handle(milliseconds(200)) != LcmBus::Handled::kMessage) return false;
+    }
+    return true;
+  };
+  if (!Await(are_echoed)) return Unavailable("no echo");
+  std::vector<double> echo_ms;
+  std::vector<double> asked_ms;
+  for (int n = 0; n < repetitions; ++n) {
+    std::this_thread::sleep_for(milliseconds(2));
+    const auto begin = Clock::now();
+    if (are_echoed()) echo_ms.push_back(MillisecondsSince(begin));
+    std::this_thread::sleep_for(milliseconds(2));
+    const auto begin_asking = Clock::now();
+    SPLINEMAP_RETURN_IF_ERROR(client.Ask(query).status());
+    asked_ms.push_back(MillisecondsSince(begin_asking));
+  }
+  if (echo_ms.empty()) return Unavailable("no echo");
+  return Figures{fmt::format("{} points", query.points_m.size()),
+                 {"ms, median", "ms, 99th percentile"},
+                 {{"LCM echo of the same bytes", Percentiles(std::move(echo_ms))},
+                  {"MapClient asks splinemapd", Percentiles(std::move(asked_ms))}}};
+}
+
 }  // namespace
+
+absl::StatusOr<std::vector<Figures>> MeasureAsking(int repetitions) {
+  const TemporaryDirectory folder;
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto bus, LcmBus::Open(""));
+  const Process daemon(
+      {SPLINEMAPD_PROGRAM, "--map", folder.File("map"), "--scan", "LASER", "--pose", "POSE"});
+  ClientOptions options;
+  options.deadline = kDeadline;
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto client, MapClient::Connect("", options));
+  const std::vector<Reading> readings = SimulateReadings(100);
+  for (const Reading& reading : readings) {
+    bus->Publish("POSE", reading.pose);
+    bus->Publish("LASER", reading.scan);
+    std::this_thread::sleep_for(milliseconds(2));
+  }
+  const auto is_mapped = [&] {
+    const auto answer = client->Ask(PointsQuery{});
+    return answer.ok() && answer->revision + 1 >= readings.size();
+  };
+  if (!Await(is_mapped)) return Unavailable("the scans were not mapped");
+  std::vector<Figures> figures;
+  for (const size_t count : {1, 10'000}) {
+    SPLINEMAP_ASSIGN_OR_RETURN(figures.emplace_back(),
+                               TimeAsking(RandomPoints(count), *client, repetitions));
+  }
+  return figures;
+}
 
 absl::Status Echo() {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto bus, LcmBus::Open(""));

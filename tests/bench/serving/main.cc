@@ -1,4 +1,4 @@
-// How soon and at what cost followers have what a daemon maps.
+// How soon a daemon answers, and how soon and at what cost followers have what it maps.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -39,7 +39,8 @@ std::string Json(const Figures& figures) {
 }
 
 absl::Status Run(bool quick, const std::string& json_path) {
-  std::vector<Figures> all;
+  SPLINEMAP_ASSIGN_OR_RETURN(std::vector<Figures> all, MeasureAsking(quick ? 20 : 500));
+  for (const Figures& figures : all) Print(figures);
   SPLINEMAP_ASSIGN_OR_RETURN(all.emplace_back(), MeasureLatency(quick ? 20 : 400));
   Print(all.back());
   for (const char* name : {"intel", "freiburg_079", "simulated_360_beams_3.5_m"}) {
