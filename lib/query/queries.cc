@@ -38,6 +38,12 @@ absl::Status CheckSweep(const Sweep& sweep, size_t number) {
     return InvalidArgument("radius_m of sweep {} is {}; 0 to {} is allowed", number, sweep.radius_m,
                            Sweep::kMaxRadius_m);
   }
+  for (const Eigen::Vector2d& vertex_m : sweep.path_m) {
+    if (vertex_m.cwiseAbs().maxCoeff() > Sweep::kMaxCoordinate_m) {
+      return InvalidArgument("sweep {} has a vertex at ({}, {}) m; {} m is the most", number,
+                             vertex_m.x(), vertex_m.y(), Sweep::kMaxCoordinate_m);
+    }
+  }
   return CheckFinite(sweep.path_m, fmt::format("of sweep {}, vertex", number).c_str());
 }
 

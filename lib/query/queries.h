@@ -68,6 +68,7 @@ std::vector<Ray> RaysOfScan(const Pose2& world_T_sensor, const std::vector<doubl
 struct Sweep {
   static constexpr size_t kMaxVertices = 1000;
   static constexpr double kMaxRadius_m = 10;
+  static constexpr double kMaxCoordinate_m = 1e10;  // beyond every map; steps stay exact
 
   std::vector<Eigen::Vector2d> path_m;
   double radius_m = 0;

@@ -372,7 +372,7 @@ TEST(LocalMapTest, WaysAndRaysWithoutEndEnd) {
       const RaysQuery rays{
           {{{-1e9, 0.3}, 0, 2e9}, {{5, 5}, 1, 1e300}, {{1e300, 0}, 3, 1}}, 50, unknown};
       const SweepsQuery sweeps{
-          {{{{-1e9, 0.3}, {1e9, 0.3}}, 10}, {{{1e300, 0}}, 1}, {{{0, 0}}, 0}}, 50, unknown};
+          {{{{-1e9, 0.3}, {1e9, 0.3}}, 10}, {{{1e10, 0}}, 1}, {{{0, 0}}, 0}}, 50, unknown};
       const auto expected = unknown == Unknown::kStops ? Occupancy::kUnknown : Occupancy::kFree;
       const auto ends = map->Ask(rays)->ends;
       for (const auto& end : ends) EXPECT_EQ(end.occupancy, expected);
@@ -380,6 +380,7 @@ TEST(LocalMapTest, WaysAndRaysWithoutEndEnd) {
       EXPECT_EQ(results[0].occupancy, expected);
       EXPECT_EQ(results[1].occupancy, expected);
     }
+    EXPECT_FALSE(map->Ask(SweepsQuery{{{{{0, 0}, {1e300, 0}}, 1}}}).ok());
     EXPECT_EQ(map->Ask(DistancesQuery{{{1e300, -1e300}}, 2, 50})->distances[0].distance_m, 2);
   }
 }
