@@ -132,7 +132,7 @@ std::shared_ptr<const MapSnapshot> MapFollower::Snapshot() {
   if (map_options_) snapshot->options = *map_options_;
   for (auto& [id, layer] : layers_) snapshot->layers.push_back(layer.Snapshot());
   if (!layers_.empty()) {
-    snapshot->merged = merged_.Update(snapshot->layers, snapshot->options.limits);
+    snapshot->merged = merged_.Update(snapshot->layers, snapshot->controls, snapshot->options.limits);
   }
   return snapshot;
 }
@@ -144,7 +144,7 @@ std::shared_ptr<const MapSnapshot> MapFollower::WholeSnapshot() const {
     if (layer.whole()) snapshot->layers.push_back(*layer.whole());
   }
   if (!snapshot->layers.empty()) {
-    snapshot->merged = MergedTiles().Update(snapshot->layers, snapshot->options.limits);
+    snapshot->merged = MergedTiles().Update(snapshot->layers, snapshot->controls, snapshot->options.limits);
   }
   return snapshot;
 }

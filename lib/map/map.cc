@@ -16,7 +16,9 @@ std::shared_ptr<const MapSnapshot> Map::Snapshot() {
   auto snapshot = std::make_shared<MapSnapshot>();
   snapshot->options = options_;
   for (Layer& layer : layers_) snapshot->layers.push_back(layer.Snapshot());
-  snapshot->merged = merged_.Update(snapshot->layers, options_.limits);
+  snapshot->controls = controls_;
+  snapshot->own_layer = own_layer_;
+  snapshot->merged = merged_.Update(snapshot->layers, snapshot->controls, options_.limits);
   return snapshot;
 }
 

@@ -3,10 +3,13 @@
 #include <cstdint>
 #include <deque>
 #include <memory>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "absl/types/span.h"
 #include "lib/map/layer.h"
+#include "lib/map/layer_control.h"
 #include "lib/map/merged_tiles.h"
 #include "lib/map/tile.h"
 #include "lib/map/tile_tree.h"
@@ -24,8 +27,12 @@ struct MapOptions {
 // An immutable view of a map: its layers and their sum. Thread-safe.
 struct MapSnapshot {
   MapOptions options;
-  std::vector<LayerSnapshot> layers;
-  // merged[k] = clamp(sum of layers[k]). Revisions belong to layers; those in here say nothing.
+  std::vector<LayerSnapshot> layers;  // all that are known, those that are not summed, too
+  LayerControls controls;
+  // The layer that goes on where this map is; none in a map that only collects layers.
+  std::optional<LayerId> own_layer;
+  // merged[k] = clamp(sum of layers[k]), as `controls` say. Revisions belong to layers; those in
+  // here say nothing.
   TileTree merged;
 
   // Value and gradient of the merged surface at a point of the map frame. Where the coordinates are
@@ -55,12 +62,18 @@ class Map {
   const std::deque<Layer>& layers() const { return layers_; }
   Layer& layer(size_t index) { return layers_[index]; }
 
+  // What snapshots say of them from now on.
+  void SetControls(LayerControls controls) { controls_ = std::move(controls); }
+  void SetOwnLayer(LayerId id) { own_layer_ = std::move(id); }
+
   // Costs what changed since the last call.
   std::shared_ptr<const MapSnapshot> Snapshot();
 
  private:
   MapOptions options_;
   std::deque<Layer> layers_;
+  LayerControls controls_;
+  std::optional<LayerId> own_layer_;
   MergedTiles merged_;
 };
 

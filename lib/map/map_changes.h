@@ -6,7 +6,8 @@
 namespace splinemap {
 
 // The smallest box over the tiles in which the merged maps may differ, of two snapshots of one Map
-// or follower. Costs what changed; all tiles where a layer is new, gone or in a new epoch.
+// or follower. Costs what changed; all tiles where a layer is gone, muted, shifted or in a new
+// epoch.
 TileBox ChangedTiles(const MapSnapshot& before, const MapSnapshot& after);
 
 }  // namespace splinemap

@@ -21,14 +21,6 @@ namespace {
 constexpr int kBusyTimeoutMs = 5000;
 constexpr int kMaxRowBytes = 1 << 20;
 
-bool HasAllOf(const MapSnapshot& map, const std::vector<SavedLayer>& saved) {
-  return std::all_of(saved.begin(), saved.end(), [&](const SavedLayer& known) {
-    return std::any_of(map.layers.begin(), map.layers.end(), [&](const LayerSnapshot& layer) {
-      return layer.id == known.id && layer.tiles.size() >= known.num_tiles;
-    });
-  });
-}
-
 absl::Status ToStatus(const std::string& path, const SQLite::Exception& exception) {
   switch (exception.getErrorCode()) {
     case SQLITE_NOTADB:
@@ -191,7 +183,9 @@ absl::StatusOr<LoadedMap> MapFile::Load() {
     SQLite::Transaction transaction(*database_);  // one state, though another process may write
     SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadMap(path_, *database_));
     // The next save of a damaged map writes it whole, and so mends it.
-    saved_ = loaded.damages.empty() ? SavedLayersOf(*loaded.map) : std::vector<SavedLayer>();
+    saved_.clear();
+    if (loaded.damages.empty()) saved_ = SavedLayersOf(*loaded.map);
+    for (SavedLayer& layer : saved_) layer.tree_line = 0;  // an editor of the caller's goes on
     return loaded;
   });
 }
@@ -200,7 +194,6 @@ absl::Status MapFile::Save(const MapSnapshot& snapshot) {
   return WithStatus(path_, [&]() -> absl::Status {
     SPLINEMAP_RETURN_IF_ERROR(CheckStillThere());
     SQLite::Transaction transaction(*database_, SQLite::TransactionBehavior::IMMEDIATE);
-    if (!HasAllOf(snapshot, saved_)) saved_.clear();
     WriteMap(snapshot, saved_, *database_);
     transaction.commit();
     // So that a copy of the one file has all. Waits for nobody: what readers hold up comes with the

@@ -44,7 +44,7 @@ class MapFile {
   absl::StatusOr<LoadedMap> Load();
 
   // Writes what changed since the last save of this object or its Load(); all of it the first time.
-  // Where a layer is gone, has another id or fewer tiles, all is written anew. Requires equal map
+  // A layer that began anew is written whole, and one that is gone is deleted. Requires equal map
   // options. After a failure (the disk is full, the file was deleted or replaced) the file is as it
   // was, and the next save writes what this one did not.
   absl::Status Save(const MapSnapshot& snapshot);

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <optional>
 
 #include "lib/base/status.h"
@@ -54,12 +55,48 @@ std::vector<std::string> Tables(SQLite::Database& database) {
   return tables;
 }
 
+store::LayerName ToRecord(const LayerId& id) {
+  store::LayerName record;
+  record.set_name(id.name);
+  record.set_origin(id.origin);
+  return record;
+}
+
+LayerId FromRecord(const store::LayerName& record) { return {record.name(), record.origin()}; }
+
+store::ControlRecord ToRecord(const LayerId& id, const LayerControl& control) {
+  store::ControlRecord record;
+  *record.mutable_layer() = ToRecord(id);
+  record.set_muted(control.muted);
+  record.set_shift_i(control.shift.i);
+  record.set_shift_j(control.shift.j);
+  record.set_x_m(control.alignment[0]);
+  record.set_y_m(control.alignment[1]);
+  record.set_yaw_rad(control.alignment[2]);
+  record.set_counter(control.counter);
+  record.set_writer(control.writer);
+  record.set_removed_up_to(control.removed_up_to);
+  return record;
+}
+
+LayerControl FromRecord(const store::ControlRecord& record) {
+  return {.muted = record.muted(),
+          .shift = {record.shift_i(), record.shift_j()},
+          .alignment = {record.x_m(), record.y_m(), record.yaw_rad()},
+          .counter = record.counter(),
+          .writer = record.writer(),
+          .removed_up_to = record.removed_up_to()};
+}
+
 bool IsPlausible(const store::MapRecord& record) {
   constexpr int kMin = std::numeric_limits<ControlPoint>::min();
   constexpr int kMax = std::numeric_limits<ControlPoint>::max();
   return record.knot_interval_m() > 0 && std::isfinite(record.knot_interval_m()) &&
          record.clamp_min() >= kMin && record.clamp_min() < 0 && record.clamp_max() > 0 &&
-         record.clamp_max() <= kMax;
+         record.clamp_max() <= kMax &&
+         std::all_of(
+             record.controls().begin(), record.controls().end(),
+             [](const store::ControlRecord& control) { return FromRecord(control).IsValid(); });
 }
 
 bool IsPlausible(const store::LayerRecord& record) {
@@ -219,12 +256,45 @@ void WriteTiles(const LayerSnapshot& layer, int64_t layer_row, uint64_t since,
   });
 }
 
+// Deletes the tiles of layers that do not go on, and the rows of those that are not in the map.
+void DeleteOld(const MapSnapshot& map, const std::map<LayerId, uint64_t>& going_on,
+               SQLite::Database& database) {
+  std::vector<int64_t> begun_anew;
+  std::vector<int64_t> gone;
+  SQLite::Statement layers(database, "SELECT id, name, origin FROM layer");
+  while (layers.executeStep()) {
+    const LayerId id{layers.getColumn(1).getString(), FromSql(layers.getColumn(2).getInt64())};
+    if (going_on.contains(id)) continue;
+    const int64_t row = layers.getColumn(0).getInt64();
+    begun_anew.push_back(row);
+    if (std::none_of(map.layers.begin(), map.layers.end(),
+                     [&](const LayerSnapshot& layer) { return layer.id == id; })) {
+      gone.push_back(row);
+    }
+  }
+  const auto run = [&](const char* sql, const std::vector<int64_t>& rows) {
+    SQLite::Statement statement(database, sql);
+    for (const int64_t row : rows) {
+      statement.bind(1, row);
+      statement.exec();
+      statement.reset();
+    }
+  };
+  run("DELETE FROM tile WHERE layer = ?", begun_anew);
+  run("DELETE FROM layer WHERE id = ?", gone);
+}
+
 }  // namespace
+
+bool SavedLayer::GoesOnAs(const LayerSnapshot& layer) const {
+  return layer.id == id && (tree_line == 0 || layer.tiles.line() == tree_line) &&
+         layer.tiles.size() >= num_tiles;
+}
 
 std::vector<SavedLayer> SavedLayersOf(const MapSnapshot& map) {
   std::vector<SavedLayer> saved;
   for (const LayerSnapshot& layer : map.layers) {
-    saved.push_back({layer.id, layer.tiles.epoch(), layer.tiles.size()});
+    saved.push_back({layer.id, layer.tiles.epoch(), layer.tiles.line(), layer.tiles.size()});
   }
   return saved;
 }
@@ -296,27 +366,42 @@ absl::StatusOr<LoadedMap> ReadMap(const std::string& path, SQLite::Database& dat
     loaded.damages.push_back(fmt::format("{}: {} layers in place of {}", path, map.layers().size(),
                                          map_record->layers()));
   }
+  if (map_record->has_own_layer()) map.SetOwnLayer(FromRecord(map_record->own_layer()));
+  LayerControls controls;
+  for (const store::ControlRecord& control : map_record->controls()) {
+    controls.Take(FromRecord(control.layer()), FromRecord(control));
+  }
+  map.SetControls(std::move(controls));
   loaded.map = map.Snapshot();
   return loaded;
 }
 
 void WriteMap(const MapSnapshot& map, const std::vector<SavedLayer>& saved,
               SQLite::Database& database) {
-  if (saved.empty()) database.exec("DELETE FROM tile; DELETE FROM layer");
+  std::map<LayerId, uint64_t> written;  // layers that go on, and the epoch of the tree in the rows
+  for (const LayerSnapshot& layer : map.layers) {
+    for (const SavedLayer& known : saved) {
+      if (known.GoesOnAs(layer)) written.emplace(layer.id, known.tree_epoch);
+    }
+  }
+  DeleteOld(map, written, database);
   store::MapRecord record;
   record.set_knot_interval_m(map.options.knot_interval_m);
   record.set_clamp_min(map.options.limits.min);
   record.set_clamp_max(map.options.limits.max);
   record.set_layers(static_cast<uint32_t>(map.layers.size()));
+  if (map.own_layer) *record.mutable_own_layer() = ToRecord(*map.own_layer);
+  for (const auto& [id, control] : map.controls.records()) {
+    *record.add_controls() = ToRecord(id, control);
+  }
   const std::string bytes = BytesOf(record);
   SQLite::Statement put_map(database, "INSERT OR REPLACE INTO map (id, record) VALUES (1, ?)");
   put_map.bind(1, bytes.data(), static_cast<int>(bytes.size()));
   put_map.exec();
   for (const LayerSnapshot& layer : map.layers) {
     const int64_t row = WriteLayer(layer, database);
-    const auto known = std::find_if(saved.begin(), saved.end(),
-                                    [&](const SavedLayer& other) { return other.id == layer.id; });
-    WriteTiles(layer, row, known == saved.end() ? 0 : known->tree_epoch, database);
+    const auto known = written.find(layer.id);
+    WriteTiles(layer, row, known == written.end() ? 0 : known->second, database);
   }
 }
 

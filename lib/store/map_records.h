@@ -28,7 +28,11 @@ struct LoadedMap {
 struct SavedLayer {
   LayerId id;
   uint64_t tree_epoch = 0;
+  uint64_t tree_line = 0;  // 0 where it was loaded, and somebody else goes on with it
   size_t num_tiles = 0;
+
+  // Whether `layer` has all of its tiles, so that only changes are to be written.
+  bool GoesOnAs(const LayerSnapshot& layer) const;
 };
 std::vector<SavedLayer> SavedLayersOf(const MapSnapshot& map);
 
@@ -44,8 +48,9 @@ bool HasMap(SQLite::Database& database);
 // NotFound where there is no map; DataLoss where the record of the map or of a layer is damaged.
 absl::StatusOr<LoadedMap> ReadMap(const std::string& path, SQLite::Database& database);
 
-// Writes the layers of `saved` as far as they changed and all others whole. Where `saved` is empty,
-// what the database held is gone. Requires a transaction.
+// Writes the layers of `saved` that go on as far as they changed and all others whole; of layers
+// that do not go on, and of those that are not in `saved`, what the database held is gone. Requires
+// a transaction.
 void WriteMap(const MapSnapshot& map, const std::vector<SavedLayer>& saved,
               SQLite::Database& database);
 

@@ -154,9 +154,9 @@ TEST(LevelsOfDetailTest, BoundsHoldForTheSumOfLayers) {
     least.push_back(levels.Layer({3, Band::kMin}));
     greatest.push_back(levels.Layer({3, Band::kMax}));
   }
-  const TileTree merged = MergedTiles().Update(fine, {-1500, 1500});
-  const TileTree min = MergedTiles().Update(least, {-1500, 1500});
-  const TileTree max = MergedTiles().Update(greatest, {-1500, 1500});
+  const TileTree merged = MergedTiles().Update(fine, {}, {-1500, 1500});
+  const TileTree min = MergedTiles().Update(least, {}, {-1500, 1500});
+  const TileTree max = MergedTiles().Update(greatest, {}, {-1500, 1500});
   int touched = 0;
   for (int32_t j = -6 * 32; j < 6 * 32; ++j) {
     for (int32_t i = -6 * 32; i < 6 * 32; ++i) {

@@ -40,6 +40,9 @@ class MapFileTest : public testing::Test {
 
   static void ExpectEqual(const MapSnapshot& a, const MapSnapshot& b) {
     EXPECT_EQ(a.options, b.options);
+    EXPECT_EQ(a.controls, b.controls);
+    EXPECT_EQ(a.own_layer, b.own_layer);
+    EXPECT_EQ(ContentOf(a.merged), ContentOf(b.merged));
     ASSERT_EQ(a.layers.size(), b.layers.size());
     for (size_t k = 0; k < a.layers.size(); ++k) {
       EXPECT_EQ(a.layers[k].id, b.layers[k].id);
@@ -126,6 +129,60 @@ TEST_F(MapFileTest, ASecondLifeGoesOnSaving) {
   layer.EditTile({9, 9}).control_points[0] = 3;
   ASSERT_TRUE(file->Save(*next.Snapshot()).ok());
   ExpectEqual(*ReadMapFile(path_)->map, *next.Snapshot());
+}
+
+TEST_F(MapFileTest, ALayerThatBeganAnewAndGrewLargerLeavesNothingOld) {
+  Layer& layer = map_.AddLayer({"robot", 1}, {1, 7});
+  Commit(layer, 100);
+  auto file = MapFile::Open(path_);
+  ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  layer.BeginEmptyLife({2, 8});
+  layer.BeginCommit();
+  for (int k = 0; k < 20; ++k) layer.EditTile({k, 50}).control_points[0] = 3;
+  ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  const auto loaded = ReadMapFile(path_);
+  EXPECT_TRUE(loaded->damages.empty());
+  ExpectEqual(*loaded->map, *map_.Snapshot());
+}
+
+TEST_F(MapFileTest, ALayerThatIsGoneIsGoneFromTheFileAndTheOthersStay) {
+  Layer& layer = map_.AddLayer({"robot", 1}, {1, 7});
+  Commit(layer, 100);
+  Commit(map_.AddLayer({"other", 2}, {1, 8}), 50);
+  auto file = MapFile::Open(path_);
+  ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  Commit(layer, 101);
+  MapSnapshot without = *map_.Snapshot();
+  without.layers.pop_back();
+  without.merged = without.layers[0].tiles;
+  ASSERT_TRUE(file->Save(without).ok());
+  const auto loaded = ReadMapFile(path_);
+  EXPECT_TRUE(loaded->damages.empty());
+  ExpectEqual(*loaded->map, without);
+}
+
+TEST_F(MapFileTest, DecisionsAboutLayersAndWhoseFileItIsAreKept) {
+  const LayerId id{"robot", 1};
+  Commit(map_.AddLayer(id, {1, 7}), 100);
+  Commit(map_.AddLayer({"other", 2}, {1, 8}), 50);
+  map_.SetOwnLayer(id);
+  LayerControls controls;
+  LayerControl control = controls.Next(id, 77);
+  control.shift = {-40, 33};
+  controls.Take(id, control);
+  control = controls.Next({"other", 2}, 78);
+  control.muted = true;
+  controls.Take({"other", 2}, control);
+  controls.Take({"gone", 3}, controls.Removal({"gone", 3}, 12, 79));
+  map_.SetControls(controls);
+  ASSERT_TRUE(MapFile::Open(path_)->Save(*map_.Snapshot()).ok());
+  const auto loaded = ReadMapFile(path_);
+  ExpectEqual(*loaded->map, *map_.Snapshot());
+  const Tile* shifted = loaded->map->merged.Find({-4, 2});
+  ASSERT_NE(shifted, nullptr);
+  EXPECT_EQ(shifted->control_points[IndexInTile(0, 0)], 0);
+  EXPECT_EQ(shifted->control_points[IndexInTile(0, 1)], 100);
+  EXPECT_EQ(loaded->map->controls.Of({"gone", 3}).removed_up_to, (uint64_t{1} << 20) - 1);
 }
 
 // A process is killed while it saves; the file holds one whole save, whichever.

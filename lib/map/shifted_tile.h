@@ -1,0 +1,19 @@
+#pragma once
+
+#include <vector>
+
+#include "lib/map/layer_control.h"
+#include "lib/map/tile.h"
+#include "lib/map/tile_tree.h"
+
+namespace splinemap {
+
+// The tiles of the map, up to four, into which the shift brings control points of a layer's tile;
+// those that cannot be are left out.
+std::vector<TileKey> KeysOfShifted(TileKey key, KnotShift shift);
+
+// What the layer has in the map's tile `key`: `tile`, which is all zeros before, or null where that
+// is nothing.
+const Tile* ShiftTile(const TileTree& layer, TileKey key, KnotShift shift, Tile& tile);
+
+}  // namespace splinemap
