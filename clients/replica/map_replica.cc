@@ -5,6 +5,7 @@
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/map/map_changes.h"
+#include "lib/replication/channels.h"
 
 namespace splinemap {
 namespace {
@@ -26,6 +27,7 @@ absl::StatusOr<std::unique_ptr<MapReplica>> MapReplica::Follow(const std::string
 MapReplica::MapReplica(std::unique_ptr<LcmBus> bus, FollowOptions options, OnChange on_change)
     : bus_(std::move(bus)),
       on_change_(std::move(on_change)),
+      channel_prefix_(options.channel_prefix),
       follower_(std::move(options), RandomId()),
       snapshot_(std::make_shared<const MapSnapshot>()),
       local_map_(snapshot_),
@@ -33,11 +35,9 @@ MapReplica::MapReplica(std::unique_ptr<LcmBus> bus, FollowOptions options, OnCha
 
 void MapReplica::Run(const std::stop_token& stop) {
   std::vector<std::string> channels;
-  std::string pull_channel;
   {
     MutexLock lock(mutex_);
     channels = follower_.Channels();
-    pull_channel = follower_.PullChannel();
   }
   bool is_changed = false;
   for (const std::string& channel : channels) {
@@ -56,12 +56,12 @@ void MapReplica::Run(const std::stop_token& stop) {
     while (Clock::now() < drain_end && bus_->Handle(milliseconds(0)) == LcmBus::Handled::kMessage) {
     }
     const Clock::time_point now = Clock::now();
-    std::vector<layer_pull_t> pulls;
+    std::vector<MapFollower::Message> messages;
     std::shared_ptr<const MapSnapshot> snapshot;
     if (now >= next_tick) {
       next_tick = now + kTick;
       MutexLock lock(mutex_);
-      pulls = follower_.Tick(now);
+      messages = follower_.Tick(now);
     }
     // The first change after a pause at once, and many in a row together.
     if (is_changed && now >= next_show) {
@@ -70,7 +70,9 @@ void MapReplica::Run(const std::stop_token& stop) {
       MutexLock lock(mutex_);
       snapshot = follower_.Snapshot();
     }
-    for (const layer_pull_t& pull : pulls) bus_->Publish(pull_channel, pull);
+    for (const MapFollower::Message& message : messages) {
+      std::visit([&](const auto& m) { bus_->Publish(channel_prefix_ + ChannelOf(m), m); }, message);
+    }
     if (snapshot) Show(std::move(snapshot));
   }
 }
@@ -96,6 +98,11 @@ std::shared_ptr<const MapSnapshot> MapReplica::WholeSnapshot() const {
 std::vector<FollowedLayer> MapReplica::Layers() const {
   MutexLock lock(mutex_);
   return follower_.Layers(Clock::now());
+}
+
+LayerControls MapReplica::Controls() const {
+  MutexLock lock(mutex_);
+  return follower_.controls();
 }
 
 std::vector<std::string> MapReplica::Refused() const {

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "clients/replica/map_follower.h"
 #include "lib/base/mutex.h"
+#include "lib/following/map_follower.h"
 #include "lib/map/region.h"
 #include "lib/query/local_map.h"
 #include "lib/wire/lcm_bus.h"
@@ -57,6 +57,7 @@ class MapReplica : public QueryableMap {
   std::shared_ptr<const MapSnapshot> WholeSnapshot() const;
 
   std::vector<FollowedLayer> Layers() const;
+  LayerControls Controls() const;
   std::vector<std::string> Refused() const;
   int64_t BytesReceived() const;
 
@@ -67,6 +68,7 @@ class MapReplica : public QueryableMap {
 
   std::unique_ptr<LcmBus> bus_;
   const OnChange on_change_;
+  const std::string channel_prefix_;
   mutable Mutex mutex_;
   MapFollower follower_ ABSL_GUARDED_BY(mutex_);
   // Held for moments only, unlike mutex_.

@@ -121,7 +121,13 @@ std::string ScanFlagOf(const config::Scan& scan) {
 }
 
 absl::Status CheckConfig(const config::Config& config) {
-  if (config.scan_size() == 0 || config.pose().empty()) {
+  const bool has_sensors = config.scan_size() > 0 || !config.pose().empty();
+  if (!config.service().sensors() && has_sensors) {
+    return InvalidArgument(
+        "scan or pose channels, and service {{ sensors: false }} (--no-sensors), which is for a "
+        "base station that has none");
+  }
+  if (config.service().sensors() && (config.scan_size() == 0 || config.pose().empty())) {
     return InvalidArgument(
         "no {} channel: give --scan CHANNEL[:PRESET] and --pose CHANNEL, or scan {{ channel: .. }} "
         "and pose: in a file for --config. What a log holds shows: splinemap doctor LOG",

@@ -17,7 +17,7 @@ uint64_t HashOf(const LayerId& id, const LayerControl& control) {
     for (int shift = 0; shift < 64; shift += 8) bytes.push_back(static_cast<char>(value >> shift));
   };
   add(id.origin);
-  add(control.muted ? 1 : 0);
+  add((control.muted ? 1 : 0) + (control.yields ? 2 : 0));
   add(static_cast<uint32_t>(control.shift.i));
   add(static_cast<uint32_t>(control.shift.j));
   for (const double value : control.alignment) add(std::bit_cast<uint64_t>(value));
@@ -43,7 +43,7 @@ bool LayerControl::IsValid() const {
 LayerControl Merge(const LayerControl& a, const LayerControl& b) {
   // All fields, so that there is an order even between two records of one writer's counter.
   const auto rank = [](const LayerControl& c) {
-    return std::tie(c.counter, c.writer, c.muted, c.shift, c.alignment);
+    return std::tie(c.counter, c.writer, c.muted, c.yields, c.shift, c.alignment);
   };
   LayerControl merged = rank(a) < rank(b) ? b : a;
   merged.removed_up_to = std::max(a.removed_up_to, b.removed_up_to);

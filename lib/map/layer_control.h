@@ -27,7 +27,8 @@ struct LayerControl {
   // that an owner which was away and has been started since still belongs to what was removed.
   static constexpr uint64_t kStartsPerGeneration = uint64_t{1} << 20;
 
-  bool muted = false;  // not in the sum
+  bool muted = false;   // not in the sum
+  bool yields = false;  // see MergedTiles
   KnotShift shift;
   // A rigid transform after the shift: x_m, y_m, yaw_rad. This version passes it on, and leaves a
   // layer that has one out of the sum.

@@ -14,47 +14,62 @@ TileTree MergedTiles::Update(const std::vector<LayerSnapshot>& layers,
   std::vector<Summand> summands;
   for (const LayerSnapshot& layer : layers) {
     const LayerControl& control = controls.Of(layer.id);
-    if (control.IsSummed()) summands.push_back({&layer, control.shift});
+    if (control.IsSummed()) summands.push_back({&layer, control.yields, control.shift});
   }
   if (!GoesOn(summands)) {
     merged_ = TileTreeEditor();
     seen_.clear();
   }
   // One layer is its own sum: its control points are within the limits already.
-  if (summands.size() == 1 && summands.front().shift == KnotShift{}) {
-    return summands.front().layer->tiles;
+  if (summands.size() == 1 && !summands[0].yields && summands[0].shift == KnotShift{}) {
+    return summands[0].layer->tiles;
   }
   absl::flat_hash_set<TileKey> changed;
-  for (const auto& [layer, shift] : summands) {
-    Seen& seen = seen_.try_emplace(layer->id, layer->epoch, shift).first->second;
-    layer->tiles.ForEachChanged(seen.up_to, [&, shift = shift](TileKey key, const auto&) {
-      for (const TileKey moved : KeysOfShifted(key, shift)) changed.insert(moved);
+  for (const Summand& summand : summands) {
+    const auto& [layer, yields, shift] = summand;
+    Seen& seen = seen_.try_emplace(layer->id, Seen{layer->epoch, yields, shift}).first->second;
+    layer->tiles.ForEachChanged(seen.up_to, [&](TileKey key, const TileTree::Entry&) {
+      for (const TileKey moved : KeysOfShifted(key, summand.shift)) changed.insert(moved);
     });
     seen.up_to = layer->tiles.epoch();
   }
-  std::vector<const Tile*> tiles;
-  std::deque<Tile> shifted;
-  for (const TileKey& key : changed) {
-    tiles.clear();
-    shifted.clear();
-    for (const auto& [layer, shift] : summands) {
-      tiles.push_back(shift == KnotShift{}
-                          ? layer->tiles.Find(key)
-                          : ShiftTile(layer->tiles, key, shift, shifted.emplace_back()));
-    }
-    // The shifted neighbours of a tile may have nothing of it.
-    if (std::all_of(tiles.begin(), tiles.end(), [](const Tile* tile) { return !tile; })) continue;
-    merged_.Edit(key, 0) = MergeTiles(tiles, limits);
-  }
+  for (const TileKey& key : changed) MergeTile(key, summands, limits);
   return merged_.Freeze();
+}
+
+void MergedTiles::MergeTile(TileKey key, const std::vector<Summand>& summands,
+                            ControlLimits limits) {
+  std::vector<const Tile*>& tiles = tiles_;
+  std::vector<const Tile*>& yielding = yielding_;
+  std::deque<Tile> shifted;
+  tiles.clear();
+  yielding.clear();
+  for (const auto& [layer, yields, shift] : summands) {
+    const Tile* tile = shift == KnotShift{}
+                           ? layer->tiles.Find(key)
+                           : ShiftTile(layer->tiles, key, shift, shifted.emplace_back());
+    if (tile != nullptr) (yields ? yielding : tiles).push_back(tile);
+  }
+  Tile yielded;
+  if (!yielding.empty()) {
+    const ControlLimits within{static_cast<ControlPoint>(limits.min * 4 / 5),
+                               static_cast<ControlPoint>(limits.max * 4 / 5)};
+    yielded = MergeTiles(yielding, within);
+    tiles.push_back(&yielded);
+  }
+  // The shifted neighbours of a tile may have nothing of it.
+  if (!tiles.empty()) merged_.Edit(key, 0) = MergeTiles(tiles, limits);
 }
 
 bool MergedTiles::GoesOn(const std::vector<Summand>& summands) const {
   size_t known = 0;
-  for (const auto& [layer, shift] : summands) {
+  for (const auto& [layer, yields, shift] : summands) {
     const auto seen = seen_.find(layer->id);
     if (seen == seen_.end()) continue;
-    if (seen->second.epoch != layer->epoch || seen->second.shift != shift) return false;
+    const Seen& before = seen->second;
+    if (before.epoch != layer->epoch || before.yields != yields || before.shift != shift) {
+      return false;
+    }
     ++known;
   }
   return known == seen_.size();

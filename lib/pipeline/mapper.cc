@@ -44,7 +44,7 @@ Mapper::Mapper(const config::Config& config, MapOptions map_options, Layer& laye
       beam_model_(BeamModelOptionsOf(config.method()), map_options.knot_interval_m),
       queue_(ScanQueueOptionsOf(config.timing()), config.scan_size()),
       noticed_(queue_.counts()) {
-  channels_.push_back(pose_channel_);
+  if (!pose_channel_.empty()) channels_.push_back(pose_channel_);
   for (const config::Scan& scan : config.scan()) {
     channels_.push_back(scan.channel());
     ScanChannel& channel = scan_channels_.emplace_back();

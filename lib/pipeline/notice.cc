@@ -24,6 +24,10 @@ const char* SymptomName(Symptom symptom) {
       return "lost_datagrams";
     case Symptom::kSharedIdentity:
       return "shared_identity";
+    case Symptom::kSharedName:
+      return "shared_name";
+    case Symptom::kRefusedLayer:
+      return "refused_layer";
   }
   return "unknown";
 }

@@ -19,8 +19,10 @@ enum class Symptom {
   kSilence,           // a channel from which nothing comes
   kLostDatagrams,     // dropped by the system before the daemon could take them
   kSharedIdentity,    // somebody else publishes the daemon's layer
+  kSharedName,        // another layer has the name of the daemon's
+  kRefusedLayer,      // a layer that cannot be summed
 };
-inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kSharedIdentity) + 1;
+inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kRefusedLayer) + 1;
 
 // As in status messages: "useless_beam_times".
 const char* SymptomName(Symptom symptom);

@@ -23,6 +23,7 @@ double LogProbability(double log_odds) {
 uint64_t RevisionOf(const MapSnapshot& map) {
   uint64_t revision = 0;
   for (const LayerSnapshot& layer : map.layers) revision += layer.revision;
+  for (const auto& [id, control] : map.controls.records()) revision += control.counter;
   return revision;
 }
 

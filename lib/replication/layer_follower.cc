@@ -12,24 +12,25 @@ using std::chrono::milliseconds;
 // followers that lack the same one asks first.
 constexpr milliseconds kMaxBackOff(100);
 constexpr milliseconds kRetry(300);
-constexpr int kMaxDoublings = 1;  // at a loss of 30 %, half of what is asked is not answered
 constexpr size_t kMaxWanted = 20'000;
 constexpr size_t kMaxAskedAtOnce = 256;  // tiles and nodes that are asked for and not there yet
 constexpr size_t kNodesPerPull = 100;    // so that a pull is one frame
 constexpr int kMaxAsks = 32;             // then it is no more believed to exist
 // Who hears others ask for the same this often without an answer, asks as well.
 constexpr int kMaxPostponed = 10;
-// An owner that says nothing for so long is gone. Who begins again in a lesser life then, because
-// its file is an older copy, is told that there was a later one.
-constexpr milliseconds kMaxSilence(3000);
+// Who begins again in a lesser life when the owner is gone, because its file is an older copy, is
+// told that there was a later one.
 constexpr milliseconds kObjection(1000);
+// A life that nobody speaks of any more, and that was never whole, is given up.
+constexpr milliseconds kGiveUpLife(10'000);
 // How often owners have to be told that a coarser level is still wanted.
 constexpr milliseconds kRenewal(5000);
+
+constexpr int64_t kMaxLate_us = 5'000'000;
 
 // Whether a digest is older than one that came before it, or the same. Of one state the time stamps
 // tell; but the owner's clock may be set back, which is by more than a message is late.
 bool WasOvertaken(const layer_digest_t& digest, const layer_digest_t& last) {
-  constexpr int64_t kMaxLate_us = 5'000'000;
   if (digest.state != last.state) return digest.state < last.state;
   return digest.utime <= last.utime && digest.utime > last.utime - kMaxLate_us;
 }
@@ -38,6 +39,15 @@ bool WasOvertaken(const layer_digest_t& digest, const layer_digest_t& last) {
 
 LayerFollower::LayerFollower(LayerId id, uint64_t seed, Part part)
     : id_(std::move(id)), part_(part), random_(seed) {}
+
+LayerFollower::LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::time_point now)
+    : id_(kept.id), random_(seed), last_heard_(now), last_spoken_for_(now) {
+  BeginTree(kept.epoch);
+  kept.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    Keep(key, entry.tile, entry.revision, TileChecksum(key, *entry.tile));
+  });
+  newest_revision_ = std::max(newest_revision_, kept.revision);
+}
 
 bool LayerFollower::Admit(const layer_epoch_t& layer) {
   const LayerLife life = FromMessage(layer);
@@ -55,8 +65,15 @@ void LayerFollower::BeginLife(LayerEpoch epoch) {
     previous_ = OwnSnapshot();
     previous_index_ = std::exchange(index_, {});
   }
+  BeginTree(epoch);
+}
+
+void LayerFollower::BeginTree(LayerEpoch epoch) {
+  ++version_;
   epoch_ = epoch;
   digest_.reset();
+  owners_digest_.reset();
+  stand_in_digest_.reset();
   tiles_ = TileTreeEditor();
   index_ = {};
   at_digest_ = {};
@@ -71,6 +88,23 @@ void LayerFollower::BeginLife(LayerEpoch epoch) {
   in_sync_ = false;
 }
 
+// The owner, and all others, are gone before this life was whole: what is shown is what there is.
+void LayerFollower::GoBackALife() {
+  const LayerSnapshot shown = *std::exchange(previous_, std::nullopt);
+  previous_index_ = {};
+  BeginTree(shown.epoch);
+  shown.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    Keep(key, entry.tile, entry.revision, TileChecksum(key, *entry.tile));
+  });
+  newest_revision_ = std::max(newest_revision_, shown.revision);
+}
+
+void LayerFollower::ForgetPreviousLife() {
+  if (previous_) ++version_;
+  previous_.reset();
+  previous_index_ = {};
+}
+
 void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point now) {
   if (digest.protocol_version != kProtocolVersion) {
     ++counts_.foreign;
@@ -81,15 +115,43 @@ void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point n
   if (!epoch_ || life.epoch > *epoch_) BeginLife(life.epoch);
   if (life.epoch == *epoch_) {
     last_heard_ = now;
+    last_spoken_for_ = now;
     next_objection_.reset();
-  } else if (now - last_heard_ > kMaxSilence && !next_objection_) {
+  } else if (OwnerIsSilent(now) && !next_objection_) {
     next_objection_ = now + Random(kObjection);
   }
   if (!Admit(digest.layer)) return;
-  if (digest_ && WasOvertaken(digest, *digest_)) {
+  if (owners_digest_ && WasOvertaken(digest, *owners_digest_)) {
     ++counts_.stale;
     return;
   }
+  owners_digest_ = digest;
+  CompareWith(digest, now);
+}
+
+void LayerFollower::TakeStandInDigest(const stand_in_digest_t& stand_in, Clock::time_point now) {
+  const layer_digest_t& digest = stand_in.digest;
+  if (digest.protocol_version != kProtocolVersion) {
+    ++counts_.foreign;
+    return;
+  }
+  const LayerLife life = FromMessage(digest.layer);
+  if (life.id != id_) return;
+  if (epoch_ && life.epoch == *epoch_ && !OwnerIsSilent(now)) return;
+  if (!epoch_ || life.epoch > *epoch_) BeginLife(life.epoch);
+  if (life.epoch == *epoch_) last_spoken_for_ = now;
+  if (!Admit(digest.layer)) return;
+  const auto& last = stand_in_digest_;
+  if (last && last->daemon_nonce == stand_in.daemon_nonce && digest.utime <= last->digest.utime &&
+      digest.utime > last->digest.utime - kMaxLate_us) {
+    ++counts_.stale;
+    return;
+  }
+  stand_in_digest_ = stand_in;
+  CompareWith(digest, now);
+}
+
+void LayerFollower::CompareWith(const layer_digest_t& digest, Clock::time_point now) {
   digest_ = digest;
   at_digest_ = tiles_.Freeze();
   if (!part_.box) in_sync_ = false;  // what changed beside a part says nothing of it
@@ -135,8 +197,7 @@ void LayerFollower::LookForMatch(Clock::time_point now) {
   revision_ = static_cast<uint64_t>(done->digest.revision);
   newest_revision_ = std::max(newest_revision_, revision_);
   if (is_equal_) whole_ = OwnSnapshot();
-  previous_.reset();
-  previous_index_ = {};
+  ForgetPreviousLife();
 }
 
 void LayerFollower::TakeUpdates(const layer_updates_t& updates) {
@@ -186,6 +247,7 @@ void LayerFollower::Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t
   tiles_.Put(key, std::move(tile), revision);
   index_.Set(key, checksum);
   newest_revision_ = std::max(newest_revision_, revision);
+  ++version_;
   const auto wanted = wanted_.find({0, key.tx, key.ty});
   if (wanted != wanted_.end() && wanted->second.revision <= revision) wanted_.erase(wanted);
   if (!part_.box) return;
@@ -204,7 +266,8 @@ void LayerFollower::TakeListing(const layer_listing_t& listing, Clock::time_poin
 void LayerFollower::TakeNode(const node_listing_t& listing, Clock::time_point now) {
   const NodeKey node{listing.level, listing.x, listing.y};
   if (node.level < 1 || !node.IsValid()) return;
-  // Others ask, too; to take up what they are told would leave no moment in which nothing is wanted.
+  // Others ask, too; to take up what they are told would leave no moment in which nothing is
+  // wanted.
   if (wanted_.erase(node) == 0) return;
   bool is_equal = true;
   uint64_t hash = 0;
@@ -296,6 +359,7 @@ void LayerFollower::GiveUpCheck() {
 
 std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
   std::vector<layer_pull_t> pulls;
+  if (previous_ && now - last_spoken_for_ > kGiveUpLife) GoBackALife();
   if (!in_sync_ || check_) LookForMatch(now);
   const size_t given_up = absl::erase_if(wanted_, [&](const auto& wanted) {
     return wanted.second.times_asked >= kMaxAsks && wanted.second.due <= now;

@@ -11,6 +11,7 @@
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/stand_in_digest_t.hpp"
 #include "lib/map/detail.h"
 #include "lib/map/layer.h"
 #include "lib/map/region.h"
@@ -27,22 +28,28 @@ namespace splinemap {
 // threads or sockets of its own. Thread-compatible.
 class LayerFollower {
  public:
-  static constexpr size_t kDefaultMaxTiles = size_t{1} << 20;  // 2 GiB
+  // An owner that has said nothing for so long is gone.
+  static constexpr std::chrono::milliseconds kMaxSilence{3000};
 
   struct Part {
     Detail detail;
     std::optional<TileBox> box;  // of that level; none: all tiles
-    // Beyond, tiles are not taken, and the copy is never in sync.
-    size_t max_tiles = kDefaultMaxTiles;
   };
 
   // `seed` spreads the times at which followers ask.
   LayerFollower(LayerId id, uint64_t seed) : LayerFollower(std::move(id), seed, Part()) {}
   LayerFollower(LayerId id, uint64_t seed, Part part);
+  // Begins with a copy that was kept, of all tiles, and `now` as if the owner had just been heard.
+  LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::time_point now);
+
+  // Beyond, tiles are not taken, and the copy is never in sync.
+  void SetMaxTiles(size_t max_tiles) { max_tiles_ = max_tiles; }
 
   // Messages of other layers and other levels are ignored, but for digests of the layer as it was
   // mapped: a follower of a coarser level learns from them whom to ask.
   void TakeDigest(const layer_digest_t& digest, Clock::time_point now);
+  // Ignored as long as the owner itself speaks.
+  void TakeStandInDigest(const stand_in_digest_t& stand_in, Clock::time_point now);
   void TakeUpdates(const layer_updates_t& updates);
   void TakeListing(const layer_listing_t& listing, Clock::time_point now);
   // Another follower asks: the answer will come here, too.
@@ -54,6 +61,11 @@ class LayerFollower {
   // The copy. Of a new life of the owner it is shown from the first moment in which it is whole;
   // until then, what the life before left.
   LayerSnapshot Snapshot();
+  // Counts on when that changes.
+  uint64_t version() const { return version_; }
+  // Whether that is of a life before.
+  bool ShowsPreviousLife() const { return previous_.has_value(); }
+  void ForgetPreviousLife();
 
   // The copy when a digest matched for the last time; nothing where none has. Of a part: when all
   // of it was found to match.
@@ -62,6 +74,7 @@ class LayerFollower {
   LayerEpoch epoch() const { return epoch_.value_or(LayerEpoch{}); }
   uint64_t revision() const { return revision_; }  // of the digest with which it was in sync, or 0
   size_t num_tiles() const { return index_.num_tiles(); }
+  uint64_t hash() const { return index_.hash(); }  // as in digests
 
   // Whether the last digest matched: the copy is a state that the owner was in, with later changes
   // beside it at most.
@@ -75,8 +88,11 @@ class LayerFollower {
   double lag_s() const { return lag_s_; }
   std::optional<Clock::time_point> last_match() const { return last_match_; }
 
-  // A digest of its present life.
+  // Its owner in the present life; or that or a stand-in for it.
   Clock::time_point last_heard() const { return last_heard_; }
+  Clock::time_point last_spoken_for() const { return last_spoken_for_; }
+  bool OwnerWasHeard() const { return owners_digest_.has_value(); }
+  bool OwnerIsSilent(Clock::time_point now) const { return now - last_heard_ > kMaxSilence; }
 
   struct Counts {
     int64_t applied = 0;
@@ -99,9 +115,12 @@ class LayerFollower {
   // False where the message is none of this layer's present life. Lives begin with a digest.
   bool Admit(const layer_epoch_t& layer);
   void BeginLife(LayerEpoch epoch);
+  void BeginTree(LayerEpoch epoch);
+  void GoBackALife();
+  void CompareWith(const layer_digest_t& digest, Clock::time_point now);
   void Apply(const tile_update_t& message);
   const Tile* FindBase(const TileUpdate& update) const;
-  bool IsFull() const { return tiles_.tree().size() >= part_.max_tiles; }
+  bool IsFull() const { return tiles_.tree().size() >= max_tiles_; }
   void Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision, uint64_t checksum);
   void TakeNode(const node_listing_t& listing, Clock::time_point now);
   void Want(const NodeKey& node, uint64_t revision, Clock::time_point now);
@@ -119,9 +138,12 @@ class LayerFollower {
   const LayerId id_;
   const Part part_;
   std::mt19937_64 random_;
+  size_t max_tiles_ = size_t{1} << 20;  // 2 GiB
 
   std::optional<LayerEpoch> epoch_;
   std::optional<layer_digest_t> digest_;  // the last of this life
+  std::optional<layer_digest_t> owners_digest_;
+  std::optional<stand_in_digest_t> stand_in_digest_;
   TileTreeEditor tiles_;
   HashIndex index_;     // of tiles_
   TileTree at_digest_;  // tiles_ when the last digest came
@@ -146,8 +168,10 @@ class LayerFollower {
   std::optional<uint64_t> checked_hash_;
   absl::flat_hash_map<NodeKey, uint64_t> checked_nodes_;
   std::optional<Clock::time_point> next_renewal_;
-  Clock::time_point last_heard_;                     // a digest of this life
+  Clock::time_point last_heard_;                     // an owner's digest of this life
+  Clock::time_point last_spoken_for_;                // a digest of this life
   std::optional<Clock::time_point> next_objection_;  // to a lesser life
+  uint64_t version_ = 0;
   bool is_equal_ = false;
   bool in_sync_ = false;
   double lag_s_ = 0;  // at last_match_

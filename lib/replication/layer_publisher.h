@@ -26,6 +26,7 @@ struct PublisherOptions {
   double bytes_per_s = 1e6;  // of all that is sent but digests and headers of updates
   std::chrono::milliseconds push_interval{100};
   std::chrono::milliseconds digest_interval{1000};
+  bool pushes = true;  // else what changed is only answered for
 };
 
 // What an owner sends.
@@ -64,7 +65,7 @@ class LayerPublisher {
     Clock::time_point since;
   };
 
-  bool Pushes() const { return life_.detail == Detail{}; }
+  bool Pushes() const { return life_.detail == Detail{} && options_.pushes; }
   void Answer(ByteBudget& budget, std::vector<PublishedMessage>& messages);
   void Push(ByteBudget& budget, std::vector<PublishedMessage>& messages);
   // Done with a change that left the tile as it is published.

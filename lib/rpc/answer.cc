@@ -91,6 +91,7 @@ std::vector<uint8_t> RefuseRequest(absl::Span<const uint8_t> request, const absl
     case MessageType::kDistancesRequest:
       return Refuse<distances_reply_t>(why, head);
     case MessageType::kCommandRequest:
+    case MessageType::kLayerCommandRequest:
       return Refuse<command_reply_t>(why, head);
     default:
       return {};

@@ -68,6 +68,7 @@ store::ControlRecord ToRecord(const LayerId& id, const LayerControl& control) {
   store::ControlRecord record;
   *record.mutable_layer() = ToRecord(id);
   record.set_muted(control.muted);
+  record.set_yields(control.yields);
   record.set_shift_i(control.shift.i);
   record.set_shift_j(control.shift.j);
   record.set_x_m(control.alignment[0]);
@@ -81,6 +82,7 @@ store::ControlRecord ToRecord(const LayerId& id, const LayerControl& control) {
 
 LayerControl FromRecord(const store::ControlRecord& record) {
   return {.muted = record.muted(),
+          .yields = record.yields(),
           .shift = {record.shift_i(), record.shift_j()},
           .alignment = {record.x_m(), record.y_m(), record.yaw_rad()},
           .counter = record.counter(),

@@ -76,6 +76,11 @@ void SkipLayerEpoch(SizeWalk& walk) {
   walk.Skip(3 * 8 + 2 * 1);
 }
 
+void SkipLayerDigest(SizeWalk& walk) {
+  SkipLayerEpoch(walk);
+  walk.Skip(4 + 8 + 8 + 2 * 4 + 4 * 8 + 4 + 8);
+}
+
 void SkipReplyHead(SizeWalk& walk) {
   walk.Skip(8);   // id
   walk.String();  // name
@@ -123,8 +128,11 @@ bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
       break;
     }
     case MessageType::kLayerDigest:
-      SkipLayerEpoch(walk);
-      walk.Skip(4 + 8 + 8 + 2 * 4 + 4 * 8 + 4 + 8);
+      SkipLayerDigest(walk);
+      break;
+    case MessageType::kStandInDigest:
+      walk.Skip(8);
+      SkipLayerDigest(walk);
       break;
     case MessageType::kLayerUpdates:
       SkipLayerEpoch(walk);
@@ -144,6 +152,25 @@ bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
     case MessageType::kLayerPull:
       SkipLayerEpoch(walk);
       walk.Skip(3 * 4 * walk.Count());  // nodes
+      break;
+    case MessageType::kControlRecords:
+      walk.Skip(8 + 8);
+      for (size_t left = walk.Count(); walk.fits() && left > 0; --left) {
+        walk.String();  // name
+        walk.Skip(8 + 2 * 1 + 2 * 4 + 3 * 8 + 3 * 8);
+      }
+      break;
+    case MessageType::kLayers:
+      walk.Skip(8);
+      walk.String();  // name
+      walk.Skip(8 + 8);
+      walk.Strings(walk.Count());  // refused
+      for (size_t left = walk.Count(); walk.fits() && left > 0; --left) {
+        walk.String();  // name
+        walk.Skip(3 * 8);
+        walk.String();  // state
+        walk.Skip(8 + 3 * 8 + 5 * 8 + 2 * 1 + 2 * 4 + 8);
+      }
       break;
     case MessageType::kPointsRequest:
       walk.Skip(kRequestHeadBytes + 1);
@@ -202,6 +229,12 @@ bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
       walk.String();  // command
       walk.Skip(8);
       break;
+    case MessageType::kLayerCommandRequest:
+      walk.Skip(kRequestHeadBytes);
+      walk.String();  // command
+      walk.String();  // name
+      walk.Skip(2 * 8 + 2 * 4);
+      break;
     case MessageType::kCommandReply:
       SkipReplyHead(walk);
       break;
@@ -235,6 +268,13 @@ absl::StatusOr<Message> Decode(MessageType type, absl::Span<const uint8_t> messa
     SPLINEMAP_RETURN_IF_ERROR(CheckUtime(decoded.utime));
   }
   return decoded;
+}
+
+bool IsPlausible(const layer_digest_t& digest) {
+  return digest.knot_interval_m > 0 && std::isfinite(digest.knot_interval_m) && digest.lag_s >= 0 &&
+         digest.min_control_point >= std::numeric_limits<int16_t>::min() &&
+         digest.max_control_point <= std::numeric_limits<int16_t>::max() &&
+         digest.min_control_point < 0 && digest.max_control_point > 0 && digest.num_tiles >= 0;
 }
 
 absl::StatusOr<RangeReadings> DecodePlanarLidar(absl::Span<const uint8_t> bytes) {
@@ -291,6 +331,9 @@ std::optional<MessageType> TypeOfFingerprint(uint64_t fingerprint) {
   if (hash == bot_core::rigid_transform_t::getHash()) return MessageType::kRigidTransform;
   if (hash == status_t::getHash()) return MessageType::kStatus;
   if (hash == layer_digest_t::getHash()) return MessageType::kLayerDigest;
+  if (hash == stand_in_digest_t::getHash()) return MessageType::kStandInDigest;
+  if (hash == control_records_t::getHash()) return MessageType::kControlRecords;
+  if (hash == layers_t::getHash()) return MessageType::kLayers;
   if (hash == layer_updates_t::getHash()) return MessageType::kLayerUpdates;
   if (hash == layer_listing_t::getHash()) return MessageType::kLayerListing;
   if (hash == layer_pull_t::getHash()) return MessageType::kLayerPull;
@@ -307,6 +350,7 @@ std::optional<MessageType> TypeOfFingerprint(uint64_t fingerprint) {
   if (hash == distances_request_t::getHash()) return MessageType::kDistancesRequest;
   if (hash == distances_reply_t::getHash()) return MessageType::kDistancesReply;
   if (hash == command_request_t::getHash()) return MessageType::kCommandRequest;
+  if (hash == layer_command_request_t::getHash()) return MessageType::kLayerCommandRequest;
   if (hash == command_reply_t::getHash()) return MessageType::kCommandReply;
   return std::nullopt;
 }
@@ -320,6 +364,7 @@ bool IsRequest(std::optional<MessageType> type) {
     case MessageType::kLikelihoodsRequest:
     case MessageType::kDistancesRequest:
     case MessageType::kCommandRequest:
+    case MessageType::kLayerCommandRequest:
       return true;
     default:
       return false;
@@ -351,6 +396,10 @@ bool IsShortText(const std::string& name) {
 }
 
 // For channels that take one type.
+absl::Status LayerWithoutName(MessageType type) {
+  return InvalidArgument("{} of a layer whose name is empty, long or not text", TypeName(type));
+}
+
 template <typename Message>
 absl::StatusOr<Message> DecodeOnly(MessageType type, absl::Span<const uint8_t> message) {
   if (TypeOf(message) != type) {
@@ -359,9 +408,7 @@ absl::StatusOr<Message> DecodeOnly(MessageType type, absl::Span<const uint8_t> m
   SPLINEMAP_ASSIGN_OR_RETURN(Message decoded, Decode<Message>(type, message));
   if constexpr (requires { decoded.layer; }) {
     // Followers send the name on.
-    if (!IsShortText(decoded.layer.name)) {
-      return InvalidArgument("{} of a layer whose name is empty, long or not text", TypeName(type));
-    }
+    if (!IsShortText(decoded.layer.name)) return LayerWithoutName(type);
   }
   return decoded;
 }
@@ -384,6 +431,12 @@ const char* TypeName(MessageType type) {
       return "splinemap.status_t";
     case MessageType::kLayerDigest:
       return "splinemap.layer_digest_t";
+    case MessageType::kStandInDigest:
+      return "splinemap.stand_in_digest_t";
+    case MessageType::kControlRecords:
+      return "splinemap.control_records_t";
+    case MessageType::kLayers:
+      return "splinemap.layers_t";
     case MessageType::kLayerUpdates:
       return "splinemap.layer_updates_t";
     case MessageType::kLayerListing:
@@ -416,6 +469,8 @@ const char* TypeName(MessageType type) {
       return "splinemap.distances_reply_t";
     case MessageType::kCommandRequest:
       return "splinemap.command_request_t";
+    case MessageType::kLayerCommandRequest:
+      return "splinemap.layer_command_request_t";
     case MessageType::kCommandReply:
       return "splinemap.command_reply_t";
   }
@@ -515,15 +570,19 @@ absl::StatusOr<status_t> DecodeStatus(absl::Span<const uint8_t> message) {
 }
 
 absl::StatusOr<layer_digest_t> DecodeLayerDigest(absl::Span<const uint8_t> message) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const auto digest,
+  SPLINEMAP_ASSIGN_OR_RETURN(auto digest,
                              DecodeOnly<layer_digest_t>(MessageType::kLayerDigest, message));
-  const bool is_plausible =
-      digest.knot_interval_m > 0 && std::isfinite(digest.knot_interval_m) && digest.lag_s >= 0 &&
-      digest.min_control_point >= std::numeric_limits<int16_t>::min() &&
-      digest.max_control_point <= std::numeric_limits<int16_t>::max() &&
-      digest.min_control_point < 0 && digest.max_control_point > 0 && digest.num_tiles >= 0;
-  if (!is_plausible) return InvalidArgument("layer_digest_t with values that cannot be");
+  if (!IsPlausible(digest)) return InvalidArgument("layer_digest_t with values that cannot be");
   return digest;
+}
+
+absl::StatusOr<stand_in_digest_t> DecodeStandInDigest(absl::Span<const uint8_t> message) {
+  SPLINEMAP_ASSIGN_OR_RETURN(auto stand_in,
+                             DecodeOnly<stand_in_digest_t>(MessageType::kStandInDigest, message));
+  if (!IsPlausible(stand_in.digest) || !IsShortText(stand_in.digest.layer.name)) {
+    return InvalidArgument("stand_in_digest_t with values that cannot be");
+  }
+  return stand_in;
 }
 
 absl::StatusOr<layer_updates_t> DecodeLayerUpdates(absl::Span<const uint8_t> message) {
@@ -541,6 +600,23 @@ absl::StatusOr<layer_pull_t> DecodeLayerPull(absl::Span<const uint8_t> message) 
                            kMaxPulledNodes);
   }
   return pull;
+}
+
+absl::StatusOr<control_records_t> DecodeControlRecords(absl::Span<const uint8_t> message) {
+  SPLINEMAP_ASSIGN_OR_RETURN(auto records,
+                             DecodeOnly<control_records_t>(MessageType::kControlRecords, message));
+  for (const layer_control_t& record : records.records) {
+    if (!IsShortText(record.name)) return LayerWithoutName(MessageType::kControlRecords);
+  }
+  return records;
+}
+
+absl::StatusOr<layers_t> DecodeLayers(absl::Span<const uint8_t> message) {
+  SPLINEMAP_ASSIGN_OR_RETURN(auto layers, DecodeOnly<layers_t>(MessageType::kLayers, message));
+  for (const layer_status_t& layer : layers.layers) {
+    if (!IsShortText(layer.name)) return LayerWithoutName(MessageType::kLayers);
+  }
+  return layers;
 }
 
 template <typename Message>
@@ -567,6 +643,7 @@ template absl::StatusOr<likelihoods_reply_t> DecodeRpc(absl::Span<const uint8_t>
 template absl::StatusOr<distances_request_t> DecodeRpc(absl::Span<const uint8_t>);
 template absl::StatusOr<distances_reply_t> DecodeRpc(absl::Span<const uint8_t>);
 template absl::StatusOr<command_request_t> DecodeRpc(absl::Span<const uint8_t>);
+template absl::StatusOr<layer_command_request_t> DecodeRpc(absl::Span<const uint8_t>);
 template absl::StatusOr<command_reply_t> DecodeRpc(absl::Span<const uint8_t>);
 
 std::optional<request_t> RequestHeadOf(absl::Span<const uint8_t> message) {

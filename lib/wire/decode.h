@@ -8,12 +8,15 @@
 #include "absl/types/span.h"
 #include "lcmtypes/splinemap/command_reply_t.hpp"
 #include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/control_records_t.hpp"
 #include "lcmtypes/splinemap/distances_reply_t.hpp"
 #include "lcmtypes/splinemap/distances_request_t.hpp"
+#include "lcmtypes/splinemap/layer_command_request_t.hpp"
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/layers_t.hpp"
 #include "lcmtypes/splinemap/likelihoods_reply_t.hpp"
 #include "lcmtypes/splinemap/likelihoods_request_t.hpp"
 #include "lcmtypes/splinemap/points_reply_t.hpp"
@@ -22,6 +25,7 @@
 #include "lcmtypes/splinemap/raster_request_t.hpp"
 #include "lcmtypes/splinemap/rays_reply_t.hpp"
 #include "lcmtypes/splinemap/rays_request_t.hpp"
+#include "lcmtypes/splinemap/stand_in_digest_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lcmtypes/splinemap/sweeps_reply_t.hpp"
 #include "lcmtypes/splinemap/sweeps_request_t.hpp"
@@ -41,9 +45,12 @@ enum class MessageType {
   kRigidTransform,
   kStatus,
   kLayerDigest,
+  kStandInDigest,
   kLayerUpdates,
   kLayerListing,
   kLayerPull,
+  kControlRecords,
+  kLayers,
   kPointsRequest,
   kPointsReply,
   kRaysRequest,
@@ -57,6 +64,7 @@ enum class MessageType {
   kDistancesRequest,
   kDistancesReply,
   kCommandRequest,
+  kLayerCommandRequest,
   kCommandReply
 };
 
@@ -90,9 +98,13 @@ absl::StatusOr<SensorMount> DecodeSensorMount(absl::Span<const uint8_t> message)
 absl::StatusOr<status_t> DecodeStatus(absl::Span<const uint8_t> message);
 // What owners and followers of layers say; that nodes and tiles exist is not checked.
 absl::StatusOr<layer_digest_t> DecodeLayerDigest(absl::Span<const uint8_t> message);
+absl::StatusOr<stand_in_digest_t> DecodeStandInDigest(absl::Span<const uint8_t> message);
 absl::StatusOr<layer_updates_t> DecodeLayerUpdates(absl::Span<const uint8_t> message);
 absl::StatusOr<layer_listing_t> DecodeLayerListing(absl::Span<const uint8_t> message);
 absl::StatusOr<layer_pull_t> DecodeLayerPull(absl::Span<const uint8_t> message);
+// What everybody tells of decisions about layers; that records are valid is not checked.
+absl::StatusOr<control_records_t> DecodeControlRecords(absl::Span<const uint8_t> message);
+absl::StatusOr<layers_t> DecodeLayers(absl::Span<const uint8_t> message);
 // What clients ask and daemons reply; see lib/rpc for what it means. Specialized for each
 // .._request_t and .._reply_t above.
 template <typename Message>

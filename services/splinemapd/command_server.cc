@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "lib/base/status.h"
+#include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 
 namespace splinemap {
@@ -9,6 +11,19 @@ namespace {
 
 constexpr size_t kMaxWaiting = 16;
 constexpr size_t kMaxRemembered = 64;
+
+const request_t& HeadOf(const CommandServer::Request& request) {
+  return std::visit([](const auto& r) -> const request_t& { return r.head; }, request);
+}
+
+absl::StatusOr<CommandServer::Request> Decode(absl::Span<const uint8_t> message) {
+  if (TypeOf(message) == MessageType::kLayerCommandRequest) {
+    SPLINEMAP_ASSIGN_OR_RETURN(auto request, DecodeRpc<layer_command_request_t>(message));
+    return request;
+  }
+  SPLINEMAP_ASSIGN_OR_RETURN(auto request, DecodeRpc<command_request_t>(message));
+  return request;
+}
 
 }  // namespace
 
@@ -19,12 +34,14 @@ CommandServer::CommandServer(Replier replier, bool allowed, Do do_command)
       serving_([this](const std::stop_token& stop) { Serve(stop); }) {}
 
 void CommandServer::TakeRequest(absl::Span<const uint8_t> message) {
-  absl::StatusOr<command_request_t> request = DecodeRpc<command_request_t>(message);
-  if (!request.ok() || replier_.IsForOther(request->head)) return;
+  absl::StatusOr<Request> request = Decode(message);
+  if (!request.ok()) return;
+  const request_t& head = HeadOf(*request);
+  if (replier_.IsForOther(head)) return;
   {
     MutexLock lock(mutex_);
     const bool is_waiting = std::any_of(waiting_.begin(), waiting_.end(), [&](const auto& other) {
-      return other.head.client == request->head.client && other.head.id == request->head.id;
+      return HeadOf(other).client == head.client && HeadOf(other).id == head.id;
     });
     if (is_waiting || waiting_.size() >= kMaxWaiting) return;
     waiting_.push_back(*std::move(request));
@@ -34,7 +51,7 @@ void CommandServer::TakeRequest(absl::Span<const uint8_t> message) {
 
 void CommandServer::Serve(const std::stop_token& stop) {
   while (true) {
-    command_request_t request;
+    Request request;
     {
       std::unique_lock lock(mutex_);
       taken_.wait(lock, stop, [this] { return !waiting_.empty(); });
@@ -42,7 +59,7 @@ void CommandServer::Serve(const std::stop_token& stop) {
       request = std::move(waiting_.front());
       waiting_.pop_front();
     }
-    const request_t& head = request.head;
+    const request_t& head = HeadOf(request);
     auto done = std::find_if(done_.begin(), done_.end(), [&](const Done& d) {
       return d.client == head.client && d.id == head.id;
     });
@@ -59,15 +76,15 @@ void CommandServer::Serve(const std::stop_token& stop) {
   }
 }
 
-absl::Status CommandServer::Run(const command_request_t& request) {
+absl::Status CommandServer::Run(const Request& request) {
   if (!allowed_) {
     return absl::PermissionDeniedError(
         "splinemapd takes no commands from the bus: --no-remote-commands");
   }
-  if (request.head.daemon_nonce == 0) {
+  if (HeadOf(request).daemon_nonce == 0) {
     return absl::InvalidArgumentError("a command must name its daemon: daemon_nonce is 0");
   }
-  return do_(request.command, static_cast<uint64_t>(request.incarnation));
+  return do_(request);
 }
 
 }  // namespace splinemap

@@ -6,6 +6,7 @@
 #include <string>
 #include <thread>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -20,9 +21,9 @@ namespace splinemap {
 // Thread-safe.
 class CommandServer {
  public:
-  // `command` while the layer is in start `incarnation`, else FailedPrecondition. Runs in the
-  // thread.
-  using Do = std::function<absl::Status(const std::string& command, uint64_t incarnation)>;
+  using Request = std::variant<command_request_t, layer_command_request_t>;
+  // Does what it says, while its condition holds, else FailedPrecondition. Runs in the thread.
+  using Do = std::function<absl::Status(const Request& request)>;
 
   // Without `allowed` all are refused with PermissionDenied.
   CommandServer(Replier replier, bool allowed, Do do_command);
@@ -38,14 +39,14 @@ class CommandServer {
   };
 
   void Serve(const std::stop_token& stop);
-  absl::Status Run(const command_request_t& request);
+  absl::Status Run(const Request& request);
 
   const Replier replier_;
   const bool allowed_;
   const Do do_;
   Mutex mutex_;
   ConditionVariable taken_;
-  std::deque<command_request_t> waiting_ ABSL_GUARDED_BY(mutex_);
+  std::deque<Request> waiting_ ABSL_GUARDED_BY(mutex_);
   std::deque<Done> done_;  // of the thread; the last ones
   std::jthread serving_;
 };

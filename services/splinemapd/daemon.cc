@@ -3,14 +3,12 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <cmath>
-#include <ctime>
 #include <utility>
 
 #include "absl/strings/escaping.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
-#include "lib/wire/decode.h"
+#include "lib/replication/channels.h"
 
 namespace splinemap {
 namespace {
@@ -21,18 +19,8 @@ using std::chrono::milliseconds;
 constexpr milliseconds kPatience(50);
 // How old at most what others see of the map is, while messages pour in.
 constexpr milliseconds kShowInterval(20);
-// How often the identity of the layer is looked at, and how soon tried again where it fails.
-constexpr milliseconds kIdentityInterval(500);
 // Messages that are still under way when the daemon ends are received for at most this long.
 constexpr milliseconds kMaxDrain(2000);
-
-double Seconds(std::chrono::steady_clock::duration duration) {
-  return std::chrono::duration<double>(duration).count();
-}
-
-double Milliseconds(std::chrono::nanoseconds duration) {
-  return std::chrono::duration<double, std::milli>(duration).count();
-}
 
 absl::Status CheckMethod(const config::Method& method, const MapOptions& file, std::string path) {
   const MapOptions wanted = MapOptionsOf(method);
@@ -50,11 +38,12 @@ absl::Status CheckMethod(const config::Method& method, const MapOptions& file, s
       file.limits.max / double{kUnitsPerLogOdds});
 }
 
-// Goes on while the computer sleeps, unlike steady_clock.
-std::chrono::nanoseconds TimeSinceBoot() {
-  timespec time{};
-  clock_gettime(CLOCK_BOOTTIME, &time);
-  return std::chrono::seconds(time.tv_sec) + std::chrono::nanoseconds(time.tv_nsec);
+// The layer that this daemon went on with last; of a file that was built or merged, the one of its
+// name. Others of its name are of others.
+std::vector<LayerSnapshot>::iterator OwnLayerOf(MapSnapshot& map, const std::string& name) {
+  return std::find_if(map.layers.begin(), map.layers.end(), [&](const LayerSnapshot& layer) {
+    return layer.id.name == name && (!map.own_layer || layer.id == *map.own_layer);
+  });
 }
 
 }  // namespace
@@ -64,8 +53,8 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& conf
   SPLINEMAP_RETURN_IF_ERROR(CheckConfig(config));
   SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(MapPath(config)));
   std::unique_ptr<Daemon> daemon(new Daemon(config, std::move(bus), std::move(file)));
-  SPLINEMAP_RETURN_IF_ERROR(daemon->OpenMap());
-  daemon->Serve();
+  SPLINEMAP_ASSIGN_OR_RETURN(const MapSnapshot kept, daemon->OpenMap());
+  daemon->Serve(kept);
   daemon->saving_ =
       std::jthread([d = daemon.get()](const std::stop_token& s) { d->SaveNowAndThen(s); });
   daemon->mapping_ =
@@ -75,186 +64,60 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& conf
   return daemon;
 }
 
-void Daemon::Serve() {
+void Daemon::Serve(const MapSnapshot& kept) {
   using Duration = std::chrono::duration<double, std::milli>;
   const config::Service& service = config_.service();
+  const std::string& prefix = config_.channel_prefix();
   PublisherOptions options;
   options.bytes_per_s = service.max_publish_kb_per_s() * 1000;
   options.push_interval =
       std::chrono::duration_cast<milliseconds>(Duration(service.push_interval_ms()));
-  // First, since on tcpq subscribing and publishing at once, by the server's thread, is no good.
-  bus_->Subscribe(LayerServer::PullChannel(config_.channel_prefix()),
-                  [this](const std::string&, absl::Span<const uint8_t> message) {
-                    LookAtPull(message);
-                    server_->TakePull(message);
-                  });
-  bus_->Subscribe(
-      config_.channel_prefix() + "_DIGESTS",
-      [this](const std::string&, absl::Span<const uint8_t> message) { LookAtDigest(message); });
-  for (const std::string& channel : QueryServer::Channels(config_.channel_prefix())) {
+  const uint64_t nonce = RandomId();
+  // First, since on tcpq subscribing and publishing at once, by a server's thread, is no good.
+  for (const char* suffix :
+       {kDigestChannel, kUpdateChannel, kListingChannel, kPullChannel, kControlChannel}) {
+    bus_->Subscribe(prefix + suffix,
+                    [this](const std::string& channel, absl::Span<const uint8_t> message) {
+                      if (channel.ends_with(kDigestChannel)) LookAtDigest(message);
+                      if (channel.ends_with(kPullChannel)) {
+                        LookAtPull(message);
+                        server_->TakePull(message);
+                      }
+                      keeper_->Take(message);
+                    });
+  }
+  for (const std::string& channel : QueryServer::Channels(prefix)) {
     bus_->Subscribe(channel, [this](const std::string&, absl::Span<const uint8_t> message) {
       queries_->TakeRequest(message);
     });
   }
-  bus_->Subscribe(config_.channel_prefix() + kCommandChannel,
+  bus_->Subscribe(prefix + kCommandChannel,
                   [this](const std::string&, absl::Span<const uint8_t> message) {
                     commands_->TakeRequest(message);
                   });
-  const auto take_snapshot = [this] {
+  server_ = std::make_unique<LayerServer>(*bus_, prefix, options, [this] {
     MutexLock lock(mutex_);
     return state_.map;
-  };
-  server_ = std::make_unique<LayerServer>(*bus_, config_.channel_prefix(), options, own_layer_,
-                                          take_snapshot);
+  });
+  FollowOptions follow;
+  follow.channel_prefix = prefix;
+  follow.names = {service.follow().begin(), service.follow().end()};
+  // A log of everything, replayed to a robot's daemon, must not count twice.
+  if (follow.names.empty() && service.sensors()) follow.names = {""};
+  follow.max_tiles = (size_t{service.max_followed_mb()} << 20) / sizeof(Tile);
+  keeper_ = std::make_unique<LayerKeeper>(
+      *bus_, follow, Keeper{map_->options(), OwnLife().id, nonce, options}, kept, *sum_);
   const Replier replier{
-      .channel_prefix = config_.channel_prefix(),
-      .daemon_nonce = RandomId(),
-      .layer = own_layer_,
-      .take_snapshot = take_snapshot,
-      .send = [this](const std::string& channel, absl::Span<const uint8_t> reply) {
-        bus_->PublishBytes(channel, reply);
-      }};
+      .channel_prefix = prefix,
+      .daemon_nonce = nonce,
+      .take_snapshot = [this] { return sum_->Snapshot(); },
+      .send = [this](const std::string& channel,
+                     absl::Span<const uint8_t> reply) { bus_->PublishBytes(channel, reply); }};
+  daemon_nonce_ = nonce;
   queries_ = std::make_unique<QueryServer>(replier);
   commands_ = std::make_unique<CommandServer>(
-      replier, service.remote_commands(), [this](const std::string& command, uint64_t incarnation) {
-        return Do(command, incarnation);
-      });
-}
-
-LayerLife Daemon::OwnLife() {
-  MutexLock lock(mutex_);
-  const LayerSnapshot& layer = state_.map->layers[own_layer_];
-  return {layer.id, layer.epoch, {}};
-}
-
-// Followers take the later of two lives of a layer for the layer.
-void Daemon::LookAtDigest(absl::Span<const uint8_t> message) {
-  const absl::StatusOr<layer_digest_t> digest = DecodeLayerDigest(message);
-  if (!digest.ok()) return;
-  const LayerLife heard = FromMessage(digest->layer);
-  const LayerLife own = OwnLife();
-  if (heard.id != own.id || heard.epoch == own.epoch) return;
-  {
-    MutexLock lock(mutex_);
-    if (heard == former_life_) return;
-  }
-  if (heard.epoch < own.epoch) {
-    Find(Symptom::kSharedIdentity, "earlier",
-         fmt::format("an earlier start of {} is on the bus: a replayed log, or a splinemapd with a "
-                     "copy of this map file; followers ignore it",
-                     own.id.name));
-    return;
-  }
-  MutexLock lock(mutex_);
-  identity_.TakeDigest(heard, own);
-}
-
-void Daemon::LookAtPull(absl::Span<const uint8_t> message) {
-  const absl::StatusOr<layer_pull_t> pull = DecodeLayerPull(message);
-  if (!pull.ok()) return;
-  const LayerLife own = OwnLife();
-  MutexLock lock(mutex_);
-  identity_.TakePull(FromMessage(pull->layer), own, Clock::now());
-}
-
-void Daemon::LookAtIdentity() {
-  const auto now = Clock::now();
-  if (now < next_identity_look_) return;
-  next_identity_look_ = now + kIdentityInterval;
-  const LayerLife own = OwnLife();
-  std::optional<IdentityWatch::NextLife> next;
-  {
-    MutexLock lock(mutex_);
-    next = identity_.Next(own, now, RandomId());
-  }
-  if (!next) return;
-  if (const absl::Status begun = BeginLife(next->life, /*is_empty=*/false); !begun.ok()) {
-    Report({.subject = "identity",
-            .text = "another start of this layer is on the bus, and no new one can be saved: " +
-                    ErrorText(begun)});
-    return;
-  }
-  Find(Symptom::kSharedIdentity, "later",
-       next->is_other_layer
-           ? fmt::format("a later start of {} is on the bus: a splinemapd with a copy of this map "
-                         "file, or a replayed log of one. So this one goes on as another layer, "
-                         "origin {:016x}; what was mapped before the copy counts twice for those "
-                         "who follow both",
-                         own.id.name, next->life.id.origin)
-           : fmt::format("followers know a later start of {} than start {}, so {} is an older "
-                         "copy; it goes on as start {}, and followers take that for the map",
-                         own.id.name, own.epoch.incarnation, MapPath(config_),
-                         next->life.epoch.incarnation));
-}
-
-// On disk first, so that no later start takes the same life.
-absl::Status Daemon::BeginLife(const LayerLife& life, bool is_empty) {
-  MutexLock lock(file_mutex_);
-  MapSnapshot map = *map_->Snapshot();
-  map.layers[own_layer_].id = life.id;
-  map.layers[own_layer_].epoch = life.epoch;
-  if (is_empty) {
-    map.layers[own_layer_].tiles = {};
-    ++map.layers[own_layer_].revision;
-  }
-  SPLINEMAP_RETURN_IF_ERROR(file_.Save(map));
-  {
-    MutexLock state_lock(mutex_);
-    former_life_ = {state_.map->layers[own_layer_].id, state_.map->layers[own_layer_].epoch, {}};
-  }
-  if (is_empty) {
-    map_->layer(own_layer_).BeginEmptyLife(life.epoch);
-  } else {
-    map_->layer(own_layer_).BeginLife(life.id, life.epoch);
-  }
-  ShowState();
-  return absl::OkStatus();
-}
-
-absl::Status Daemon::Do(const std::string& command, uint64_t incarnation) {
-  SPLINEMAP_RETURN_IF_ERROR(CheckIncarnation(incarnation));
-  if (command == "save") return Save();
-  if (command != "clear") {
-    return InvalidArgument("no such command: {}; there are save and clear",
-                           absl::Utf8SafeCHexEscape(command.substr(0, 20)));
-  }
-  return DoWhereMapped([this, incarnation]() -> absl::Status {
-    SPLINEMAP_RETURN_IF_ERROR(CheckIncarnation(incarnation));
-    LayerLife life = OwnLife();
-    life.epoch = {life.epoch.incarnation + 1, RandomId()};
-    SPLINEMAP_RETURN_IF_ERROR(BeginLife(life, /*is_empty=*/true));
-    Report({.is_problem = false,
-            .subject = "clear",
-            .text = fmt::format("a client cleared the map; it goes on as start {}",
-                                life.epoch.incarnation)});
-    return absl::OkStatus();
-  });
-}
-
-absl::Status Daemon::CheckIncarnation(uint64_t incarnation) {
-  const uint64_t own = OwnLife().epoch.incarnation;
-  if (own == incarnation) return absl::OkStatus();
-  return FailedPrecondition("the command is for start {} of the layer, which is in start {}",
-                            incarnation, own);
-}
-
-absl::Status Daemon::DoWhereMapped(std::function<absl::Status()> errand) {
-  std::future<absl::Status> done;
-  {
-    MutexLock lock(mutex_);
-    errand_ = std::packaged_task<absl::Status()>(std::move(errand));
-    done = errand_.get_future();
-  }
-  return done.get();
-}
-
-void Daemon::RunErrand() {
-  std::packaged_task<absl::Status()> errand;
-  {
-    MutexLock lock(mutex_);
-    errand.swap(errand_);
-  }
-  if (errand.valid()) errand();
+      replier, service.remote_commands(),
+      [this](const CommandServer::Request& request) { return Do(request); });
 }
 
 Daemon::Daemon(const config::Config& config, std::unique_ptr<LcmBus> bus, MapFile file)
@@ -267,14 +130,16 @@ Daemon::~Daemon() {
   if (absl::Status status = Stop(); !status.ok()) spdlog::error("{}", ErrorText(status));
 }
 
-absl::Status Daemon::OpenMap() {
-  const std::string name = RobotName(config_);
-  SPLINEMAP_RETURN_IF_ERROR(LoadMap(name));
+absl::StatusOr<MapSnapshot> Daemon::OpenMap() {
+  SPLINEMAP_ASSIGN_OR_RETURN(MapSnapshot kept, LoadMap(RobotName(config_)));
   // The layer is the mapper's from here on; everybody else sees snapshots.
-  Layer& layer = map_->layer(own_layer_);
+  Layer& layer = map_->layer(0);
   mapper_ = std::make_unique<Mapper>(config_, map_->options(), layer);
-  spdlog::info("map {}: layer {}, start {}, {} tiles", MapPath(config_), name,
+  spdlog::info("map {}: layer {}, start {}, {} tiles", MapPath(config_), layer.id().name,
                layer.epoch().incarnation, layer.tiles().size());
+  if (!kept.layers.empty()) {
+    spdlog::info("map {}: {} layers of others", MapPath(config_), kept.layers.size());
+  }
   for (const config::Scan& scan : config_.scan()) {
     extrinsics_channels_.insert(scan.extrinsics_channel());
   }
@@ -288,40 +153,41 @@ absl::Status Daemon::OpenMap() {
                     });
     spdlog::info("listening on {}", channel);
   }
+  sum_->SetFollowed(kept.layers, kept.controls);
   ShowState();
-  return Save();  // the new incarnation
+  SPLINEMAP_RETURN_IF_ERROR(Save());  // the new incarnation
+  return kept;
 }
 
-absl::Status Daemon::LoadMap(const std::string& name) {
+absl::StatusOr<MapSnapshot> Daemon::LoadMap(const std::string& name) {
   MutexLock lock(file_mutex_);
+  MapSnapshot map;
+  map.options = MapOptionsOf(config_.method());
   SPLINEMAP_ASSIGN_OR_RETURN(const bool is_empty, file_.IsEmpty());
-  bool has_own_layer = false;
-  if (is_empty) {
-    map_ = std::make_unique<Map>(MapOptionsOf(config_.method()));
-  } else {
+  if (!is_empty) {
     SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, file_.Load());
     ReportDamages(loaded.damages);
-    const MapOptions& options = loaded.map->options;
-    SPLINEMAP_RETURN_IF_ERROR(CheckMethod(config_.method(), options, MapPath(config_)));
-    map_ = std::make_unique<Map>(options);
-    config_.mutable_method()->set_knot_interval_m(options.knot_interval_m);
+    map = *loaded.map;
+    SPLINEMAP_RETURN_IF_ERROR(CheckMethod(config_.method(), map.options, MapPath(config_)));
+    config_.mutable_method()->set_knot_interval_m(map.options.knot_interval_m);
     SPLINEMAP_RETURN_IF_ERROR(CheckConfig(config_));
-    for (const LayerSnapshot& layer : loaded.map->layers) {
-      LayerEpoch epoch = layer.epoch;
-      if (!has_own_layer && layer.id.name == name) {
-        // A start takes the next incarnation, so that nothing of an earlier life is taken for new.
-        epoch = {layer.epoch.incarnation + 1, RandomId()};
-        own_layer_ = map_->layers().size();
-        has_own_layer = true;
-      }
-      map_->ContinueLayer(layer, epoch);
-    }
   }
-  if (!has_own_layer) {
-    own_layer_ = map_->layers().size();
+  map_ = std::make_unique<Map>(map.options);
+  sum_ = std::make_unique<SummedMap>(map.options);
+  const auto own = OwnLayerOf(map, name);
+  if (own == map.layers.end()) {
     map_->AddLayer({name, RandomId()}, {1, RandomId()});
+    return map;
   }
-  return absl::OkStatus();
+  // A start takes the next incarnation, so that nothing of an earlier life is taken for new.
+  const LayerEpoch epoch{own->epoch.incarnation + 1, RandomId()};
+  if (const LayerControl& control = map.controls.Of(own->id); control.IsRemoved(epoch)) {
+    map_->AddLayer(own->id, {control.removed_up_to + 1, RandomId()});
+  } else {
+    map_->ContinueLayer(*own, epoch);
+  }
+  map.layers.erase(own);
+  return map;
 }
 
 void Daemon::ReportDamages(const std::vector<std::string>& damages) {
@@ -368,7 +234,7 @@ void Daemon::MapMessages(const std::stop_token& stop) {
 }
 
 void Daemon::MapOne(const IngestedMessage& message) {
-  const Layer& layer = map_->layer(own_layer_);
+  const Layer& layer = map_->layer(0);
   const uint64_t revision_before = layer.revision();
   const auto begin = Clock::now();
   mapper_->HandleMessage(message.channel, message.bytes);
@@ -386,6 +252,7 @@ void Daemon::ShowState() {
     Report(notice);
   }
   auto snapshot = map_->Snapshot();
+  sum_->SetOwn(snapshot->layers.front());
   MutexLock lock(mutex_);
   state_.map = std::move(snapshot);
   state_.counts = mapper_->counts();
@@ -438,159 +305,13 @@ void Daemon::SaveNowAndThen(const std::stop_token& stop) {
 
 absl::Status Daemon::Save() {
   MutexLock file_lock(file_mutex_);
-  std::shared_ptr<const MapSnapshot> map;
-  std::optional<uint64_t> saved_revision;
-  {
-    MutexLock lock(mutex_);
-    map = state_.map;
-    saved_revision = state_.saved_revision;
-  }
-  const uint64_t revision = map->layers[own_layer_].revision;
-  if (saved_revision == revision) return absl::OkStatus();
+  const std::shared_ptr<const MapSnapshot> map = sum_->Snapshot();
+  if (saved_.lock() == map) return absl::OkStatus();
   SPLINEMAP_RETURN_IF_ERROR(file_.Save(*map));
+  saved_ = map;
   MutexLock lock(mutex_);
-  state_.saved_revision = revision;
+  state_.saved_revision = map->layers.front().revision;
   return absl::OkStatus();
-}
-
-void Daemon::PublishStatus() {
-  LookAround();
-  bus_->Publish(config_.channel_prefix() + "_STATUS", Status());
-}
-
-void Daemon::LookAround() {
-  if (const auto jump = host_clock_.Look(std::chrono::system_clock::now(), TimeSinceBoot())) {
-    Find(
-        Symptom::kHostClockJump, "",
-        fmt::format("the clock of this computer was set {} by {:.1f} s; do all that stamp messages "
-                    "follow the same clock?",
-                    jump->count() > 0 ? "forward" : "back", std::abs(jump->count())));
-  }
-  const std::vector<std::string>& channels = mapper_->channels();
-  for (size_t k = 0; k < channels.size(); ++k) {
-    const int64_t messages = heard_[k];
-    if (messages > 0 && extrinsics_channels_.contains(channels[k])) continue;  // one may be enough
-    switch (silences_[k].Look(messages, Clock::now())) {
-      case SilenceWatch::Change::kNone:
-        break;
-      case SilenceWatch::Change::kHeardAgain:
-        Report({.is_problem = false,
-                .subject = "heard " + channels[k],
-                .text = channels[k] + " is heard again"});
-        break;
-      case SilenceWatch::Change::kSilent:
-        Find(
-            Symptom::kSilence, channels[k],
-            messages == 0
-                ? fmt::format("nothing came on {} for {} s; is the channel right, and the LCM URL? "
-                              "splinemap doctor --live shows what is on a bus",
-                              channels[k], SilenceWatch::kSilence.count())
-                : fmt::format("{} is silent since {} s", channels[k],
-                              SilenceWatch::kSilence.count()));
-    }
-  }
-  LookForLosses();
-  if (queries_) LookAtQueries();
-}
-
-void Daemon::LookForLosses() {
-  const int64_t lost = LcmBus::LostDatagrams();
-  if (const int64_t more = lost - std::exchange(lost_datagrams_, lost); more > 0) {
-    Find(Symptom::kLostDatagrams, "",
-         fmt::format("{} datagrams were lost before splinemapd could take them, of any channel; "
-                     "raise net.core.rmem_max, and recv_buf_size in the LCM URL",
-                     more),
-         more);
-  }
-  const int64_t dropped = DroppedByOverload();
-  if (const int64_t more = dropped - std::exchange(dropped_by_overload_, dropped); more > 0) {
-    Report({.subject = "overload",
-            .text = fmt::format("dropped {} {}: {}", more, DropName(DropReason::kOverload),
-                                DropExplanation(DropReason::kOverload)),
-            .times = more});
-  }
-}
-
-void Daemon::LookAtQueries() {
-  const QueryServer::Counts counts = queries_->counts();
-  const int64_t refused = counts.refused - noticed_queries_.refused;
-  const int64_t malformed = counts.malformed - noticed_queries_.malformed;
-  noticed_queries_ = counts;
-  if (refused > 0) {
-    Report({.subject = "refused requests",
-            .text = fmt::format("refused {} requests of clients that ask more than can be answered",
-                                refused),
-            .times = refused});
-  }
-  if (malformed > 0) {
-    Report({.subject = "malformed requests",
-            .text = fmt::format("ignored {} messages on channels of requests that are damaged or "
-                                "of another type",
-                                malformed),
-            .times = malformed});
-  }
-}
-
-int64_t Daemon::DroppedByOverload() const { return ingest_.dropped() + LcmBus::FailedHandlers(); }
-
-status_t Daemon::Status() {
-  status_t status;
-  status.utime = std::chrono::duration_cast<std::chrono::microseconds>(
-                     std::chrono::system_clock::now().time_since_epoch())
-                     .count();
-  status.version = SPLINEMAP_VERSION;
-  status.uptime_s = Seconds(Clock::now() - started_);
-  status.messages_queued = static_cast<int32_t>(ingest_.size());
-
-  MutexLock lock(mutex_);
-  const LayerSnapshot& layer = state_.map->layers[own_layer_];
-  status.name = layer.id.name;
-  status.origin = static_cast<int64_t>(layer.id.origin);
-  status.incarnation = static_cast<int64_t>(layer.epoch.incarnation);
-  status.nonce = static_cast<int64_t>(layer.epoch.nonce);
-
-  MapperCounts counts = state_.counts;
-  const int64_t overload = DroppedByOverload();
-  counts.drops[DropReason::kOverload] += overload;
-  status.messages_received = counts.messages_received + overload;
-  status.bytes_received = counts.bytes_received;
-  status.scans_received = counts.scans_received;
-  status.poses_received = counts.poses_received;
-  status.scans_mapped = counts.scans_mapped;
-  status.beams_mapped = counts.beams_mapped;
-  status.messages_dropped = counts.drops.Total();
-  for (int k = 0; k < kNumDropReasons; ++k) {
-    const auto reason = static_cast<DropReason>(k);
-    if (counts.drops[reason] == 0) continue;
-    status.drop_reasons.emplace_back(DropName(reason));
-    status.drop_counts.push_back(counts.drops[reason]);
-  }
-  status.num_drop_reasons = static_cast<int32_t>(status.drop_reasons.size());
-  for (int k = 0; k < kNumSymptoms; ++k) {
-    const int64_t count = counts.symptoms[k] + state_.symptoms[k];
-    if (count == 0) continue;
-    status.problems.emplace_back(SymptomName(static_cast<Symptom>(k)));
-    status.problem_counts.push_back(count);
-  }
-  status.num_problems = static_cast<int32_t>(status.problems.size());
-
-  status.scans_queued = static_cast<int32_t>(state_.scans_queued);
-  status.newest_scan_utime = state_.newest_scan_utime.count();
-  status.newest_scan_age_s =
-      counts.scans_mapped > 0 ? Seconds(Clock::now() - state_.last_mapped) : -1;
-  if (state_.scan_times.scans > 0) {
-    status.scan_time_mean_ms =
-        Milliseconds(state_.scan_times.total) / static_cast<double>(state_.scan_times.scans);
-    status.scan_time_max_ms = Milliseconds(state_.scan_times.longest);
-  }
-  state_.scan_times = {};
-
-  status.revision = static_cast<int64_t>(layer.revision);
-  status.saved_revision = static_cast<int64_t>(state_.saved_revision.value_or(0));
-  status.tiles = static_cast<int64_t>(layer.tiles.size());
-  status.map_bytes = status.tiles * static_cast<int64_t>(sizeof(Tile));
-  status.last_problem = state_.last_problem;
-  return status;
 }
 
 absl::Status Daemon::Stop() {
@@ -604,6 +325,7 @@ absl::Status Daemon::Stop() {
     thread->join();
   }
   queries_.reset();
+  keeper_.reset();
   if (const absl::Status saved = Save(); !saved.ok()) {
     const status_t status = Status();
     return Unavailable("{}; the last {} of {} commits to the map are lost", ErrorText(saved),

@@ -14,6 +14,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "lcmtypes/splinemap/layers_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/mutex.h"
 #include "lib/config/config.h"
@@ -26,15 +27,18 @@
 #include "services/splinemapd/command_server.h"
 #include "services/splinemapd/host_clock_watch.h"
 #include "services/splinemapd/ingest_queue.h"
+#include "services/splinemapd/layer_keeper.h"
+#include "services/splinemapd/layer_roll.h"
 #include "services/splinemapd/layer_server.h"
 #include "services/splinemapd/notice_limiter.h"
 #include "services/splinemapd/query_server.h"
 #include "services/splinemapd/silence_watch.h"
+#include "services/splinemapd/summed_map.h"
 
 namespace splinemap {
 
-// The mapping daemon: one thread receives, one maps, one saves, one serves followers, one
-// answers queries, one does what clients command. The caller's thread publishes status.
+// The mapping daemon: one thread receives, one maps, one saves, one serves followers, one follows
+// others, one answers queries, one does what clients command. The caller's thread publishes status.
 class Daemon {
  public:
   // Opens the map file and begins to map what comes on `bus`. The new incarnation of the layer is
@@ -60,7 +64,7 @@ class Daemon {
 
   // What the mapping thread shows to the others, between commits.
   struct State {
-    std::shared_ptr<const MapSnapshot> map;
+    std::shared_ptr<const MapSnapshot> map;  // of the daemon's own layer
     MapperCounts counts;
     size_t scans_queued = 0;
     Utime newest_scan_utime{0};
@@ -72,15 +76,18 @@ class Daemon {
   };
 
   Daemon(const config::Config& config, std::unique_ptr<LcmBus> bus, MapFile file);
-  absl::Status OpenMap();
-  absl::Status LoadMap(const std::string& name);
-  void Serve();
+  // Return the layers of others that the file has, and what was decided about layers.
+  absl::StatusOr<MapSnapshot> OpenMap();
+  absl::StatusOr<MapSnapshot> LoadMap(const std::string& name);
+  void Serve(const MapSnapshot& kept);
   void LookAtDigest(absl::Span<const uint8_t> message);
   void LookAtPull(absl::Span<const uint8_t> message);
   LayerLife OwnLife();
   void LookAtIdentity();
   absl::Status BeginLife(const LayerLife& life, bool is_empty);
-  absl::Status Do(const std::string& command, uint64_t incarnation);
+  absl::Status Do(const CommandServer::Request& request);
+  absl::Status DecideAboutLayer(const layer_command_request_t& request);
+  absl::Status ObeyRemoval();
   absl::Status CheckIncarnation(uint64_t incarnation);
   // Between two messages, in the mapping thread.
   absl::Status DoWhereMapped(std::function<absl::Status()> errand);
@@ -97,10 +104,12 @@ class Daemon {
   void LookAround();
   void LookForLosses();
   void LookAtQueries();
+  void LookAtLayers();
   void SaveNowAndThen(const std::stop_token& stop);
   absl::Status Save();
   int64_t DroppedByOverload() const;
   status_t Status();
+  layers_t Layers();
 
   config::Config config_;
   const Clock::time_point started_ = Clock::now();
@@ -108,8 +117,7 @@ class Daemon {
   IngestQueue ingest_;
 
   // Of the mapping thread alone, once it runs, but for mapper_->channels(), which do not change.
-  std::unique_ptr<Map> map_;
-  size_t own_layer_ = 0;  // index in map_->layers() and in snapshots
+  std::unique_ptr<Map> map_;  // of the daemon's own layer
   Clock::time_point next_identity_look_;
   std::unique_ptr<Mapper> mapper_;
   ScanTimes scan_times_;  // since ShowState()
@@ -117,6 +125,7 @@ class Daemon {
 
   Mutex file_mutex_ ABSL_ACQUIRED_BEFORE(mutex_);
   MapFile file_ ABSL_GUARDED_BY(file_mutex_);
+  std::weak_ptr<const MapSnapshot> saved_ ABSL_GUARDED_BY(file_mutex_);
 
   // Of the caller's thread.
   HostClockWatch host_clock_;
@@ -125,6 +134,10 @@ class Daemon {
   int64_t lost_datagrams_ = 0;
   int64_t dropped_by_overload_ = 0;
   QueryServer::Counts noticed_queries_;
+  size_t noticed_refused_ = 0;
+  bool noticed_full_ = false;
+  std::set<LayerId> noticed_namesakes_;
+  LayerRoll roll_;
 
   // By channel of the mapper: messages received. Written by the receiving thread.
   std::deque<std::atomic<int64_t>> heard_;
@@ -134,10 +147,13 @@ class Daemon {
   NoticeLimiter limiter_ ABSL_GUARDED_BY(mutex_);
   IdentityWatch identity_ ABSL_GUARDED_BY(mutex_);
   LayerLife former_life_ ABSL_GUARDED_BY(mutex_);  // whose last messages are still under way
+  std::unique_ptr<SummedMap> sum_;                 // of all layers
+  uint64_t daemon_nonce_ = 0;                      // of this start, in replies and decisions
 
   std::packaged_task<absl::Status()> errand_ ABSL_GUARDED_BY(mutex_);
 
   std::unique_ptr<LayerServer> server_;
+  std::unique_ptr<LayerKeeper> keeper_;
   std::unique_ptr<QueryServer> queries_;
   std::unique_ptr<CommandServer> commands_;
   std::jthread saving_;

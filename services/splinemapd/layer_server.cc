@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "lib/replication/channels.h"
 #include "lib/wire/decode.h"
 
 namespace splinemap {
@@ -14,10 +15,9 @@ constexpr size_t kMaxPullsWaiting = 1000;
 }  // namespace
 
 LayerServer::LayerServer(LcmBus& bus, const std::string& channel_prefix,
-                         const PublisherOptions& options, size_t layer, TakeSnapshot take_snapshot)
+                         const PublisherOptions& options, TakeSnapshot take_snapshot)
     : bus_(bus),
       prefix_(channel_prefix),
-      layer_(layer),
       take_snapshot_(std::move(take_snapshot)),
       options_(options),
       serving_([this](const std::stop_token& stop) { Serve(stop); }) {}
@@ -49,7 +49,7 @@ void LayerServer::Serve(const std::stop_token& stop) {
 }
 
 void LayerServer::SetLayer(const MapSnapshot& map, Clock::time_point now) {
-  const LayerSnapshot& layer = map.layers[layer_];
+  const LayerSnapshot& layer = map.layers.front();
   const LayerLife life{layer.id, layer.epoch, {}};
   if (publisher_ && life == life_) {
     publisher_->SetLayer(layer, now);
@@ -60,13 +60,7 @@ void LayerServer::SetLayer(const MapSnapshot& map, Clock::time_point now) {
 }
 
 void LayerServer::Publish(const PublishedMessage& message) {
-  struct Channel {
-    const char* operator()(const layer_updates_t&) const { return "_UPDATES"; }
-    const char* operator()(const layer_listing_t&) const { return "_LISTINGS"; }
-    const char* operator()(const layer_digest_t&) const { return "_DIGESTS"; }
-  };
-  const std::string channel = prefix_ + std::visit(Channel(), message);
-  std::visit([&](const auto& m) { bus_.Publish(channel, m); }, message);
+  std::visit([&](const auto& m) { bus_.Publish(prefix_ + ChannelOf(m), m); }, message);
 }
 
 }  // namespace splinemap

@@ -19,13 +19,13 @@ namespace splinemap {
 // receives ever waits for them. Thread-safe.
 class LayerServer {
  public:
-  // What the map is at the moment.
+  // What a map of the one layer is at the moment.
   using TakeSnapshot = std::function<std::shared_ptr<const MapSnapshot>()>;
 
-  // Publishes layer number `layer` of the snapshots until it is destroyed, whatever life it is in.
-  // Pulls are those of TakePull().
+  // Publishes the layer until it is destroyed, whatever life it is in. Pulls are those of
+  // TakePull().
   LayerServer(LcmBus& bus, const std::string& channel_prefix, const PublisherOptions& options,
-              size_t layer, TakeSnapshot take_snapshot);
+              TakeSnapshot take_snapshot);
 
   // A message on the channel of pulls; any bytes.
   void TakePull(absl::Span<const uint8_t> message);
@@ -41,7 +41,6 @@ class LayerServer {
 
   LcmBus& bus_;
   const std::string prefix_;
-  const size_t layer_;
   const TakeSnapshot take_snapshot_;
   const PublisherOptions options_;
   // Of the thread; of the layer's present life.

@@ -22,6 +22,8 @@ struct Flags {
   InputFlags input;
   std::string lcm_url;
   std::string map;
+  bool no_sensors = false;
+  std::vector<std::string> follow;
   bool no_remote_commands = false;
   bool check_config = false;
   bool print_config = false;
@@ -32,6 +34,8 @@ Examples:
   splinemapd --scan LASER --pose POSE
   splinemapd --scan LIDAR:michigan_2017,time_offset_ms=-250 --pose SLAM_POSE --map lab.splinemap
   splinemapd --config splinemapd.textproto --check-config
+  splinemapd --scan LASER --pose POSE --name robot-1 --follow 'robot-*'
+  splinemapd --no-sensors --name base    a base station: keeps and merges the layers of all robots
 
 Maps until SIGINT or SIGTERM. Without --map the map is NAME.splinemap in this directory; an existing
 file is continued. Exit status: 0 ended by signal and saved, 1 failed, 2 usage or configuration.)";
@@ -43,8 +47,16 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_option("--map", flags.map, "Map file (default: NAME.splinemap)")->type_name("FILE");
   app.add_option("--lcm-url", flags.lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
       ->type_name("URL");
+  app.add_flag("--no-sensors", flags.no_sensors,
+               "A base station: no scans, no poses, only the layers of others");
+  app.add_option("--follow", flags.follow,
+                 "Robot whose layer is followed, kept and summed, * and ? allowed; more than once "
+                 "for several (default: nobody, or all with --no-sensors)")
+      ->type_name("NAME")
+      ->allow_extra_args(false);
   app.add_flag("--no-remote-commands", flags.no_remote_commands,
-               "Refuse to save or clear the map when a client on the bus says so");
+               "Refuse to save or clear the map, or to decide about layers, when a client on the "
+               "bus says so");
   app.add_flag("--check-config", flags.check_config, "Check flags and configuration, and end");
   app.add_flag("--print-config", flags.print_config,
                "Print the configuration with every option explained, and end");
@@ -54,6 +66,9 @@ absl::StatusOr<config::Config> ConfigOf(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(config::Config config, splinemap::ConfigOf(flags.input));
   if (!flags.map.empty()) config.set_map(flags.map);
   if (!flags.lcm_url.empty()) config.set_lcm_url(flags.lcm_url);
+  if (flags.no_sensors) config.mutable_service()->set_sensors(false);
+  if (!flags.follow.empty()) config.mutable_service()->clear_follow();
+  for (const std::string& name : flags.follow) config.mutable_service()->add_follow(name);
   if (flags.no_remote_commands) config.mutable_service()->set_remote_commands(false);
   return config;
 }

@@ -13,9 +13,9 @@ reply_t Replier::HeadFor(const request_t& request) const {
   const auto map = take_snapshot();
   reply_t head{};
   head.id = request.id;
-  head.name = map->layers[layer].id.name;
+  head.name = map->layers.front().id.name;
   head.daemon_nonce = static_cast<int64_t>(daemon_nonce);
-  head.incarnation = static_cast<int64_t>(map->layers[layer].epoch.incarnation);
+  head.incarnation = static_cast<int64_t>(map->layers.front().epoch.incarnation);
   head.revision = static_cast<int64_t>(RevisionOf(*map));
   return head;
 }

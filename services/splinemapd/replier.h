@@ -17,9 +17,8 @@ struct Replier {
   using Send = std::function<void(const std::string& channel, absl::Span<const uint8_t> reply)>;
 
   std::string channel_prefix;
-  uint64_t daemon_nonce = 0;  // of this start of the daemon, not 0
-  size_t layer = 0;           // of the snapshots: the daemon's own
-  TakeSnapshot take_snapshot;
+  uint64_t daemon_nonce = 0;   // of this start of the daemon, not 0
+  TakeSnapshot take_snapshot;  // the daemon's own layer first
   Send send;
 
   bool IsForOther(const request_t& request) const;

@@ -126,6 +126,34 @@ class CorpusMaker {
     digest.root_level = 1;
     WriteMessage("layer_digest/empty", 0, digest);
 
+    stand_in_digest_t stand_in{};
+    stand_in.daemon_nonce = 4;
+    stand_in.digest = digest;
+    WriteMessage("stand_in_digest/empty", 0, stand_in);
+
+    control_records_t records{};
+    WriteMessage("control_records/none", 0, records);
+    records.num_records = 2;
+    records.records.resize(2);
+    for (layer_control_t& record : records.records) {
+      record = {};
+      record.name = "robot";
+    }
+    WriteMessage("control_records/two", 0, records);
+
+    layers_t layers{};
+    layers.name = "robot";
+    layers.num_refused = 1;
+    layers.refused = {"other"};
+    layers.num_layers = 2;
+    layers.layers.resize(2);
+    for (layer_status_t& status : layers.layers) {
+      status = {};
+      status.name = "robot";
+      status.state = "live";
+    }
+    WriteMessage("layers/two", 0, layers);
+
     layer_updates_t updates{};
     updates.layer = layer;
     WriteMessage("layer_updates/none", 0, updates);
@@ -205,6 +233,10 @@ class CorpusMaker {
     command.command = "clear";
     command.incarnation = 3;
     WriteMessage("command_request/clear", 0, command);
+    layer_command_request_t layer_command{};
+    layer_command.command = "remove";
+    layer_command.name = "robot";
+    WriteMessage("layer_command_request/remove", 0, layer_command);
     command_reply_t reply{};
     reply.head.name = "robot";
     reply.head.status = 9;

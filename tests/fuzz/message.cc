@@ -38,6 +38,9 @@ void Use(const std::vector<uint8_t>& message, const SensorOptions& options) {
   DecodePose(message).status().IgnoreError();
   DecodeStatus(message).status().IgnoreError();
   DecodeLayerDigest(message).status().IgnoreError();
+  DecodeStandInDigest(message).status().IgnoreError();
+  DecodeControlRecords(message).status().IgnoreError();
+  DecodeLayers(message).status().IgnoreError();
   DecodeLayerUpdates(message).status().IgnoreError();
   DecodeLayerListing(message).status().IgnoreError();
   DecodeLayerPull(message).status().IgnoreError();
@@ -73,6 +76,9 @@ const FuzzTarget targets[] = {
     {"rigid_transform", &Run<bot_core::rigid_transform_t>},
     {"status", &Run<status_t>},
     {"layer_digest", &Run<layer_digest_t>},
+    {"stand_in_digest", &Run<stand_in_digest_t>},
+    {"control_records", &Run<control_records_t>},
+    {"layers", &Run<layers_t>},
     {"layer_updates", &Run<layer_updates_t>},
     {"layer_listing", &Run<layer_listing_t>},
     {"layer_pull", &Run<layer_pull_t>},

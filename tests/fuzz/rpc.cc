@@ -80,18 +80,10 @@ void RunReply(FuzzInput input) {
   TakeReply(*reply, query, {size / size_t{2}, size}, answer).IgnoreError();
 }
 
-void RunCommandRequest(FuzzInput input) {
+template <typename Message>
+void RunDecode(FuzzInput input) {
   input.Byte();
-  DecodeRpc<command_request_t>(MessageOf(command_request_t::getHash(), input.Rest()))
-      .status()
-      .IgnoreError();
-}
-
-void RunCommandReply(FuzzInput input) {
-  input.Byte();
-  DecodeRpc<command_reply_t>(MessageOf(command_reply_t::getHash(), input.Rest()))
-      .status()
-      .IgnoreError();
+  DecodeRpc<Message>(MessageOf(Message::getHash(), input.Rest())).status().IgnoreError();
 }
 
 const FuzzTarget targets[] = {
@@ -107,8 +99,9 @@ const FuzzTarget targets[] = {
     {"likelihoods_reply", &RunReply<LikelihoodsQuery>},
     {"distances_request", &RunRequest<DistancesQuery>},
     {"distances_reply", &RunReply<DistancesQuery>},
-    {"command_request", &RunCommandRequest},
-    {"command_reply", &RunCommandReply},
+    {"command_request", &RunDecode<command_request_t>},
+    {"layer_command_request", &RunDecode<layer_command_request_t>},
+    {"command_reply", &RunDecode<command_reply_t>},
 };
 
 }  // namespace

@@ -32,9 +32,9 @@ class MapOnBus {
     }
     PublisherOptions options;
     options.bytes_per_s = 1e7;
-    layers_ = std::make_unique<LayerServer>(*bus_, "SPLINEMAP", options, 0, take_snapshot);
+    layers_ = std::make_unique<LayerServer>(*bus_, "SPLINEMAP", options, take_snapshot);
     queries_ = std::make_unique<QueryServer>(
-        Replier{"SPLINEMAP", RandomId(), 0, take_snapshot,
+        Replier{"SPLINEMAP", RandomId(), take_snapshot,
                 [this](const std::string& channel, absl::Span<const uint8_t> reply) {
                   bus_->PublishBytes(channel, reply);
                 }});

@@ -171,7 +171,7 @@ TEST_F(MapFileTest, DecisionsAboutLayersAndWhoseFileItIsAreKept) {
   control.shift = {-40, 33};
   controls.Take(id, control);
   control = controls.Next({"other", 2}, 78);
-  control.muted = true;
+  control.yields = true;
   controls.Take({"other", 2}, control);
   controls.Take({"gone", 3}, controls.Removal({"gone", 3}, 12, 79));
   map_.SetControls(controls);

@@ -1,4 +1,4 @@
-#include "clients/replica/map_follower.h"
+#include "lib/following/map_follower.h"
 
 #include <gtest/gtest.h>
 
@@ -90,7 +90,8 @@ TEST(MapFollowerTest, LayersOfAnotherKnotIntervalAreRefused) {
   one.SpeakTo(follower, kBegin);
   two.SpeakTo(follower, kBegin);
   EXPECT_EQ(follower.Layers(kBegin).size(), 1u);
-  EXPECT_EQ(follower.refused(), std::vector<std::string>{"two"});
+  EXPECT_EQ(follower.refused(),
+            std::vector<std::string>{"two: its knot interval is 0.1 m, and 0.05 m here"});
 }
 
 TEST(MapFollowerTest, ARegionIsOfTheMapFrameAtAnyLevel) {
@@ -108,10 +109,11 @@ TEST(MapFollowerTest, ARegionIsOfTheMapFrameAtAnyLevel) {
   MapFollower coarse(options, 1);
   one.SpeakTo(coarse, kBegin);
   EXPECT_DOUBLE_EQ(coarse.Snapshot()->options.knot_interval_m, 0.4);
-  const auto pulls = coarse.Tick(kBegin + milliseconds(200));
-  ASSERT_EQ(pulls.size(), 1u);
-  EXPECT_EQ(pulls[0].layer.detail_level, 3);
-  EXPECT_EQ(pulls[0].layer.band, 2);
+  const auto messages = coarse.Tick(kBegin + milliseconds(200));
+  ASSERT_EQ(messages.size(), 1u);
+  const auto& pull = std::get<layer_pull_t>(messages[0]);
+  EXPECT_EQ(pull.layer.detail_level, 3);
+  EXPECT_EQ(pull.layer.band, 2);
 }
 
 }  // namespace

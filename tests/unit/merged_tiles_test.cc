@@ -33,13 +33,16 @@ Points PointsOf(const TileTree& tree) {
 // The definition, control point by control point.
 Points SimplyMerged(const std::vector<LayerSnapshot>& layers, const LayerControls& controls) {
   std::map<std::pair<int32_t, int32_t>, int32_t> sums;
+  std::map<std::pair<int32_t, int32_t>, int32_t> yielding;
   for (const LayerSnapshot& layer : layers) {
     const LayerControl& control = controls.Of(layer.id);
     if (control.muted || control.alignment != std::array<double, 3>{}) continue;
+    auto& summed = control.yields ? yielding : sums;
     for (const auto& [at, c] : PointsOf(layer.tiles)) {
-      sums[{at.first + control.shift.i, at.second + control.shift.j}] += c;
+      summed[{at.first + control.shift.i, at.second + control.shift.j}] += c;
     }
   }
+  for (const auto& [at, sum] : yielding) sums[at] += ClampTouched(sum, {-2048, 2048});
   Points points;
   for (const auto& [at, sum] : sums) points[at] = ClampTouched(sum, kLimits);
   return points;
@@ -64,7 +67,7 @@ class MergedTilesTest : public testing::Test {
       case 3: {
         LayerControl control = controls_.Next(id, random());
         if (random() % 2 == 0) {
-          control.muted = !control.muted;
+          (random() % 2 == 0 ? control.muted : control.yields) ^= true;
         } else {
           control.shift = {int32_t(random() % 200) - 100, int32_t(random() % 3) * 32};
         }

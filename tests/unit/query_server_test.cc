@@ -19,7 +19,6 @@ class QueryServerTest : public testing::Test {
   Replier MakeReplier() {
     return {.channel_prefix = "MAP",
             .daemon_nonce = 5,
-            .layer = 0,
             .take_snapshot =
                 [this] {
                   MutexLock lock(mutex_);
@@ -194,10 +193,11 @@ class CommandServerTest : public QueryServerTest {
  protected:
   void Start(bool allowed = true) {
     server_ = std::make_unique<CommandServer>(
-        MakeReplier(), allowed, [this](const std::string& command, uint64_t incarnation) {
+        MakeReplier(), allowed, [this](const CommandServer::Request& request) {
+          const auto& command = std::get<command_request_t>(request);
           MutexLock lock(mutex_);
-          done_.push_back(command);
-          return incarnation == 1 ? absl::OkStatus() : absl::FailedPreconditionError("start 1");
+          done_.push_back(command.command);
+          return command.incarnation == 1 ? absl::OkStatus() : absl::FailedPreconditionError("start 1");
         });
   }
   void Command(int64_t client, int64_t id, const std::string& command, int64_t nonce = 5,

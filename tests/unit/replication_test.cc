@@ -5,10 +5,8 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <functional>
 #include <map>
 #include <memory>
-#include <queue>
 #include <random>
 #include <vector>
 
@@ -19,6 +17,7 @@
 #include "lib/replication/identity_watch.h"
 #include "lib/replication/layer_follower.h"
 #include "lib/replication/levels_publisher.h"
+#include "tests/support/lossy_network.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap {
@@ -27,64 +26,9 @@ namespace {
 using std::chrono::milliseconds;
 using Random = std::mt19937_64;
 
-constexpr milliseconds kStep(20);
+constexpr milliseconds kStep = Network::kStep;
 const LayerId kId{"robot", 7};
 const MapOptions kMapOptions{0.05, {}};
-
-struct Weather {
-  double loss = 0;
-  double doubling = 0;
-  milliseconds max_delay{0};  // random, so that messages overtake each other
-};
-
-// Calls what was sent when it arrives.
-class Network {
- public:
-  Network(Weather weather, uint64_t seed) : weather_(weather), random_(seed) {}
-
-  Clock::time_point now() const { return now_; }
-  void SetWeather(Weather weather) { weather_ = weather; }
-  void SetCut(bool is_cut) { is_cut_ = is_cut; }
-
-  // To one receiver.
-  void Send(std::function<void()> arrive) {
-    if (is_cut_) return;
-    std::uniform_real_distribution<double> chance(0, 1);
-    const int copies = chance(random_) < weather_.doubling ? 2 : 1;
-    for (int copy = 0; copy < copies; ++copy) {
-      if (chance(random_) < weather_.loss) continue;
-      const milliseconds delay(
-          std::uniform_int_distribution<int64_t>(0, weather_.max_delay.count())(random_));
-      on_the_way_.push({now_ + delay, ++sent_, arrive});
-    }
-  }
-
-  void Advance() {
-    now_ += kStep;
-    while (!on_the_way_.empty() && on_the_way_.top().at <= now_) {
-      const auto arrive = on_the_way_.top().arrive;
-      on_the_way_.pop();
-      arrive();
-    }
-  }
-
- private:
-  struct OnTheWay {
-    Clock::time_point at;
-    uint64_t number;
-    std::function<void()> arrive;
-    bool operator<(const OnTheWay& other) const {
-      return std::tie(at, number) > std::tie(other.at, other.number);
-    }
-  };
-
-  Weather weather_;
-  Random random_;
-  bool is_cut_ = false;
-  Clock::time_point now_{std::chrono::hours(1)};
-  uint64_t sent_ = 0;
-  std::priority_queue<OnTheWay> on_the_way_;
-};
 
 // An owner with its map, and followers, on one network.
 class World {

@@ -1,0 +1,503 @@
+// Several daemons and clients on one lossy network: whatever was lost, whoever was away, began from
+// older files or was muted, shifted or removed meanwhile, all end with the same bytes. Daemons are
+// their parts without threads, sockets and disks. Time is virtual.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "fmt/format.h"
+#include "lib/following/map_follower.h"
+#include "lib/map/map.h"
+#include "lib/map/tile_update.h"
+#include "lib/replication/identity_watch.h"
+#include "lib/replication/levels_publisher.h"
+#include "lib/wire/decode.h"
+#include "lib/wire/encode.h"
+#include "tests/support/lossy_network.h"
+#include "tests/support/random_map.h"
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+using Random = std::mt19937_64;
+
+constexpr MapOptions kOptions{0.05, {-2560, 2560}};
+
+// What copies of a map are compared by: lives and content of layers with tiles, decisions, sum.
+struct Content {
+  std::map<LayerId, std::pair<LayerEpoch, uint64_t>> layers;
+  std::map<LayerId, LayerControl> controls;
+  uint64_t merged = 0;
+
+  bool operator==(const Content&) const = default;
+};
+
+uint64_t HashOf(const TileTree& tiles) {
+  uint64_t hash = 0;
+  tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    if (CountTouched(*entry.tile) > 0) hash += TileChecksum(key, *entry.tile);
+  });
+  return hash;
+}
+
+Content ContentOf(const MapSnapshot& map) {
+  Content content;
+  content.controls = map.controls.records();
+  content.merged = HashOf(map.merged);
+  for (const LayerSnapshot& layer : map.layers) {
+    if (layer.tiles.size() == 0) continue;
+    content.layers[layer.id] = {layer.epoch, HashOf(layer.tiles)};
+  }
+  return content;
+}
+
+class Robot {
+ public:
+  Robot(std::string name, Random& random) : random_(random) {
+    file_.options = kOptions;
+    file_.own_layer = LayerId{std::move(name), random_()};
+  }
+
+  bool is_running() const { return map_ != nullptr; }
+  const LayerId& id() const { return *file_.own_layer; }
+
+  void Start(Clock::time_point now) {
+    map_ = std::make_unique<Map>(kOptions);
+    const auto own = std::find_if(file_.layers.begin(), file_.layers.end(),
+                                  [&](const LayerSnapshot& layer) { return layer.id == id(); });
+    if (own == file_.layers.end()) {
+      layer_ = &map_->AddLayer(id(), {1, random_()});
+    } else {
+      const LayerEpoch epoch{own->epoch.incarnation + 1, random_()};
+      const LayerControl& control = file_.controls.Of(id());
+      layer_ = control.IsRemoved(epoch)
+                   ? &map_->AddLayer(id(), {control.removed_up_to + 1, random_()})
+                   : &map_->ContinueLayer(*own, epoch);
+    }
+    identity_ = {};
+    follower_ = std::make_unique<MapFollower>(FollowOptions{},
+                                              Keeper{kOptions, id(), random_(), PublisherOptions{}},
+                                              file_, random_(), now);
+    Publish();
+    Save();  // the new incarnation
+  }
+  void Stop() {
+    map_.reset();
+    publisher_.reset();
+    follower_.reset();
+  }
+  void Save() {
+    files_.push_back(file_);
+    file_ = *Snapshot();
+  }
+  // The disk as it was some saves ago.
+  void RestoreOlderFile() {
+    if (!files_.empty()) file_ = files_[random_() % files_.size()];
+  }
+
+  void Commit() {
+    layer_->BeginCommit();
+    for (int n = 0; n < 3; ++n) {
+      Tile& tile = layer_->EditTile(RandomKey(random_, 4));
+      for (int k = 0; k < 20; ++k) {
+        tile.control_points[random_() % Tile::kSize] =
+            static_cast<ControlPoint>(int(random_() % 5121) - 2560);
+      }
+    }
+  }
+
+  void Decide() {
+    const auto map = Snapshot();
+    const LayerSnapshot& layer = map->layers[random_() % map->layers.size()];
+    LayerControl control = map->controls.Next(layer.id, random_());
+    switch (random_() % 5) {
+      case 0:
+        control = map->controls.Removal(layer.id, layer.epoch.incarnation, random_());
+        break;
+      case 1:
+        control.yields = !control.yields;
+        break;
+      case 2:
+        control.shift = {int32_t(random_() % 100) - 50, int32_t(random_() % 64)};
+        break;
+      default:
+        control.muted = !control.muted;
+    }
+    follower_->Decide(layer.id, control);
+  }
+
+  void Take(const std::vector<uint8_t>& bytes, Clock::time_point now) {
+    const LayerLife own{layer_->id(), layer_->epoch(), {}};
+    if (const auto digest = DecodeLayerDigest(bytes); digest.ok()) {
+      identity_.TakeDigest(FromMessage(digest->layer), own);
+    } else if (const auto stand_in = DecodeStandInDigest(bytes); stand_in.ok()) {
+      identity_.TakePull(FromMessage(stand_in->digest.layer), own, now);
+    } else if (const auto pull = DecodeLayerPull(bytes); pull.ok()) {
+      identity_.TakePull(FromMessage(pull->layer), own, now);
+      publisher_->TakePull(*pull, now);
+    }
+    follower_->HandleMessage(bytes, now);
+  }
+
+  std::vector<std::vector<uint8_t>> Tick(Clock::time_point now) {
+    const LayerLife own{layer_->id(), layer_->epoch(), {}};
+    const LayerControl& control = follower_->controls().Of(own.id);
+    if (control.IsRemoved(own.epoch)) {
+      layer_->BeginEmptyLife({control.removed_up_to + 1, random_()});
+      Publish();
+    } else if (const auto next = identity_.Next(own, now, random_())) {
+      layer_->BeginLife(next->life.id, next->life.epoch);
+      file_.own_layer = next->life.id;
+      follower_->SetOwnLayer(next->life.id);
+      Publish();
+      Save();
+    }
+    publisher_->SetLayer(layer_->Snapshot(), now);
+    std::vector<std::vector<uint8_t>> bytes;
+    const auto send = [&](const auto& m) { bytes.push_back(Encode(m)); };
+    for (const auto& message : publisher_->Tick(now)) std::visit(send, message);
+    for (const auto& message : follower_->Tick(now)) std::visit(send, message);
+    return bytes;
+  }
+
+  std::shared_ptr<const MapSnapshot> Snapshot() {
+    auto map = std::make_shared<MapSnapshot>();
+    map->options = kOptions;
+    map->own_layer = layer_->id();
+    map->layers = follower_->LayerSnapshots();
+    map->layers.push_back(layer_->Snapshot());
+    map->controls = follower_->controls();
+    map->merged = MergedTiles().Update(map->layers, map->controls, kOptions.limits);
+    return map;
+  }
+
+ private:
+  void Publish() {
+    publisher_ =
+        std::make_unique<LevelsPublisher>(layer_->Snapshot(), kOptions, PublisherOptions{});
+  }
+
+  Random& random_;
+  MapSnapshot file_;
+  std::vector<MapSnapshot> files_;
+  std::unique_ptr<Map> map_;
+  Layer* layer_ = nullptr;
+  std::unique_ptr<LevelsPublisher> publisher_;
+  std::unique_ptr<MapFollower> follower_;
+  IdentityWatch identity_;
+};
+
+class Fleet {
+ public:
+  Fleet(Weather weather, int robots, int clients, uint64_t seed)
+      : network_(weather, seed), random_(seed) {
+    for (int n = 0; n < robots; ++n) {
+      robots_.push_back(std::make_unique<Robot>("robot-" + std::to_string(n), random_));
+    }
+    for (int n = 0; n < clients; ++n) RestartClient(clients_.size());
+  }
+
+  Network& network() { return network_; }
+  Random& random() { return random_; }
+  size_t num_robots() const { return robots_.size(); }
+  Robot& robot(size_t n) { return *robots_[n]; }
+  void Start(size_t n) {
+    if (!robots_[n]->is_running()) robots_[n]->Start(network_.now());
+  }
+  void StartAll() {
+    for (size_t n = 0; n < robots_.size(); ++n) Start(n);
+  }
+  void RestartClient(size_t n) {
+    if (n == clients_.size()) clients_.emplace_back();
+    clients_[n] = std::make_shared<MapFollower>(FollowOptions{}, random_());
+  }
+  MapFollower& client(size_t n) { return *clients_[n]; }
+  size_t num_clients() const { return clients_.size(); }
+  int64_t bytes_sent() const { return bytes_sent_; }
+
+  void Run(milliseconds duration) {
+    for (milliseconds passed(0); passed < duration; passed += Network::kStep) {
+      network_.Advance();
+      const auto now = network_.now();
+      for (const auto& robot : robots_) {
+        if (!robot->is_running()) continue;
+        for (const auto& bytes : robot->Tick(now)) Broadcast(bytes);
+      }
+      for (const auto& client : clients_) {
+        for (const auto& message : client->Tick(now)) {
+          std::visit([&](const auto& m) { Broadcast(Encode(m)); }, message);
+        }
+      }
+    }
+  }
+
+  bool AllAreEqual() { return !DifferenceFrom(AnyContent()).has_value(); }
+  // Who has another map than that.
+  std::optional<std::string> DifferenceFrom(const Content& content) {
+    for (const auto& robot : robots_) {
+      if (robot->is_running() && ContentOf(*robot->Snapshot()) != content) return robot->id().name;
+    }
+    for (size_t n = 0; n < clients_.size(); ++n) {
+      if (ContentOf(*clients_[n]->Snapshot()) != content) return "client " + std::to_string(n);
+    }
+    return std::nullopt;
+  }
+  Content AnyContent() {
+    for (const auto& robot : robots_) {
+      if (robot->is_running()) return ContentOf(*robot->Snapshot());
+    }
+    return ContentOf(*clients_.at(0)->Snapshot());
+  }
+  // For people.
+  std::string Contents() {
+    std::string text;
+    const auto add = [&](const std::string& name, const MapSnapshot& map) {
+      const Content content = ContentOf(map);
+      text += fmt::format("{}: merged {:x}\n", name, content.merged);
+      for (const auto& [id, layer] : content.layers) {
+        text += fmt::format("  {} {:x}: start {}, nonce {:x}, hash {:x}\n", id.name, id.origin,
+                            layer.first.incarnation, layer.first.nonce, layer.second);
+      }
+      for (const auto& [id, control] : content.controls) {
+        text += fmt::format("  {} {:x}: counter {}, writer {:x}, removed up to {}\n", id.name,
+                            id.origin, control.counter, control.writer, control.removed_up_to);
+      }
+    };
+    for (const auto& robot : robots_) {
+      if (robot->is_running()) add(robot->id().name, *robot->Snapshot());
+    }
+    for (const auto& client : clients_) add("client", *client->Snapshot());
+    return text;
+  }
+  bool RunUntilEqual(int seconds) {
+    for (int second = 0; second < seconds; ++second) {
+      Run(milliseconds(1000));
+      if (AllAreEqual()) return true;
+    }
+    return false;
+  }
+
+ private:
+  // To all, the sender too: multicast comes back.
+  void Broadcast(const std::vector<uint8_t>& message) {
+    const auto bytes = std::make_shared<const std::vector<uint8_t>>(message);
+    bytes_sent_ += std::ssize(message);
+    for (const auto& robot : robots_) {
+      network_.Send([this, bytes, r = robot.get()] {
+        if (r->is_running()) r->Take(*bytes, network_.now());
+      });
+    }
+    for (const std::weak_ptr<MapFollower> client : clients_) {
+      network_.Send([this, bytes, client] {
+        if (const auto there = client.lock()) there->HandleMessage(*bytes, network_.now());
+      });
+    }
+  }
+
+  Network network_;
+  Random random_;
+  std::vector<std::unique_ptr<Robot>> robots_;
+  std::vector<std::shared_ptr<MapFollower>> clients_;
+  int64_t bytes_sent_ = 0;
+};
+
+TEST(FleetTest, EveryRobotAndClientHasTheSumOfAll) {
+  Fleet fleet({.loss = 0.2}, 4, 2, 1);
+  fleet.StartAll();
+  for (int n = 0; n < 50; ++n) {
+    for (size_t robot = 0; robot < 4; ++robot) fleet.robot(robot).Commit();
+    fleet.Run(milliseconds(100));
+  }
+  ASSERT_TRUE(fleet.RunUntilEqual(30));
+  EXPECT_EQ(fleet.AnyContent().layers.size(), 4u);
+}
+
+TEST(FleetTest, WhoComesLateGetsTheLayersOfThoseThatAreGone) {
+  Fleet fleet({.loss = 0.2}, 3, 0, 2);
+  fleet.Start(0);
+  fleet.Start(1);
+  for (int n = 0; n < 20; ++n) {
+    fleet.robot(0).Commit();
+    fleet.Run(milliseconds(100));
+  }
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  const Content content = fleet.AnyContent();
+  fleet.robot(0).Stop();
+  fleet.Run(milliseconds(60'000));
+  fleet.Start(2);
+  fleet.RestartClient(0);
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  EXPECT_EQ(fleet.AnyContent(), content);
+  // They also outlive the one that stood in.
+  fleet.robot(1).Stop();
+  fleet.Run(milliseconds(10'000));
+  fleet.RestartClient(0);
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  EXPECT_EQ(fleet.AnyContent(), content);
+}
+
+TEST(FleetTest, OneStandInIsEnough) {
+  Fleet fleet({}, 6, 1, 3);
+  fleet.StartAll();
+  for (int n = 0; n < 20; ++n) {
+    fleet.robot(0).Commit();
+    fleet.Run(milliseconds(100));
+  }
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  const int64_t before = fleet.bytes_sent();
+  fleet.Run(milliseconds(20'000));
+  const int64_t with_owner = fleet.bytes_sent() - before;
+  fleet.robot(0).Stop();
+  fleet.Run(milliseconds(10'000));
+  const int64_t after = fleet.bytes_sent();
+  fleet.Run(milliseconds(20'000));
+  EXPECT_LT(fleet.bytes_sent() - after, 1.1 * static_cast<double>(with_owner));
+}
+
+TEST(FleetTest, ARobotThatComesBackSpeaksForItself) {
+  Fleet fleet({.loss = 0.1}, 3, 1, 4);
+  fleet.StartAll();
+  for (int n = 0; n < 20; ++n) {
+    fleet.robot(0).Commit();
+    fleet.Run(milliseconds(100));
+  }
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  fleet.robot(0).Save();
+  fleet.robot(0).Stop();
+  fleet.Run(milliseconds(15'000));
+  fleet.Start(0);
+  fleet.robot(0).Commit();
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  const LayerId id = fleet.robot(0).id();
+  EXPECT_EQ(fleet.AnyContent().layers.at(id).first.incarnation, 2u);
+}
+
+TEST(FleetTest, RemovingALayerLeavesTheMapThatNeverHadItThoughItsRobotWasAway) {
+  Fleet fleet({.loss = 0.2}, 4, 1, 5);
+  fleet.StartAll();
+  for (int n = 0; n < 20; ++n) {
+    for (size_t robot = 0; robot < 4; ++robot) fleet.robot(robot).Commit();
+    fleet.Run(milliseconds(100));
+  }
+  ASSERT_TRUE(fleet.RunUntilEqual(30));
+  auto without = std::make_shared<MapSnapshot>(*fleet.robot(0).Snapshot());
+  const LayerId id = fleet.robot(3).id();
+  std::erase_if(without->layers, [&](const LayerSnapshot& layer) { return layer.id == id; });
+  const uint64_t expected =
+      HashOf(MergedTiles().Update(without->layers, without->controls, kOptions.limits));
+
+  fleet.robot(3).Save();
+  fleet.robot(3).Stop();
+  fleet.Run(milliseconds(5000));
+  const auto map = fleet.client(0).Snapshot();
+  const auto layer = std::find_if(map->layers.begin(), map->layers.end(),
+                                  [&](const LayerSnapshot& other) { return other.id == id; });
+  ASSERT_NE(layer, map->layers.end());
+  fleet.client(0).Decide(id, map->controls.Removal(id, layer->epoch.incarnation, 1));
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  EXPECT_EQ(fleet.AnyContent().merged, expected);
+  // It comes back with all that it had, twice started since.
+  fleet.Start(3);
+  fleet.robot(3).Stop();
+  fleet.Start(3);
+  fleet.Run(milliseconds(10'000));
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  EXPECT_EQ(fleet.AnyContent().merged, expected);
+  // And maps anew.
+  fleet.robot(3).Commit();
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  EXPECT_EQ(fleet.AnyContent().layers.at(id).first.incarnation, LayerControl::kStartsPerGeneration);
+}
+
+// The first that was heard owes nothing to anybody: its copies go on from the last whole one.
+TEST(FleetTest, ALifeThatWasNeverWholeIsGivenUp) {
+  Fleet fleet({}, 2, 1, 6);
+  fleet.StartAll();
+  fleet.robot(0).Commit();
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  const Content content = fleet.AnyContent();
+  fleet.robot(0).Save();
+  fleet.robot(0).Stop();
+  fleet.Start(0);
+  fleet.Run(milliseconds(40));  // a digest of another life, and nothing of it
+  fleet.robot(0).Stop();
+  fleet.Run(milliseconds(15'000));
+  fleet.RestartClient(0);
+  ASSERT_TRUE(fleet.RunUntilEqual(30));
+  EXPECT_EQ(fleet.AnyContent().merged, content.merged);
+}
+
+class RandomFleet : public testing::TestWithParam<int> {};
+
+TEST_P(RandomFleet, EndsWithEqualBytes) {
+  Random random(GetParam());
+  // Thousands by hand: SPLINEMAP_SCHEDULES=500.
+  const char* wanted = std::getenv("SPLINEMAP_SCHEDULES");
+  const int schedules = wanted != nullptr ? std::atoi(wanted) : 3;
+  for (int schedule = 0; schedule < schedules; ++schedule) {
+    const uint64_t seed = random();
+    SCOPED_TRACE(seed);
+    const auto any = [&](auto... values) {
+      const std::vector choices{values...};
+      return choices[random() % choices.size()];
+    };
+    const Weather weather{any(0.0, 0.05, 0.3), any(0.0, 0.3),
+                          any(milliseconds(0), milliseconds(30), milliseconds(400))};
+    Fleet fleet(weather, any(2, 3, 5), any(1, 2), seed);
+    fleet.StartAll();
+    for (int event = 0; event < 50; ++event) {
+      const size_t n = random() % fleet.num_robots();
+      Robot& robot = fleet.robot(n);
+      switch (random() % 12) {
+        case 0:
+          fleet.network().SetCut(true);
+          break;
+        case 1:
+          fleet.RestartClient(random() % fleet.num_clients());
+          break;
+        case 2:
+          robot.Stop();
+          break;
+        case 3:
+          if (robot.is_running()) robot.Save();
+          break;
+        case 4:
+          robot.Stop();
+          robot.RestoreOlderFile();
+          fleet.Start(n);
+          break;
+        case 5:
+          if (robot.is_running()) robot.Decide();
+          break;
+        case 6:
+          fleet.Run(milliseconds(5000));
+          break;
+        default:
+          fleet.network().SetCut(false);
+          if (random() % 2 == 0) fleet.Start(n);
+          for (int commit = 0; commit < 5; ++commit) {
+            if (robot.is_running()) robot.Commit();
+            fleet.Run(milliseconds(60));
+          }
+      }
+    }
+    // From now on packets get through, most of them; one robot at least is there.
+    fleet.network().SetCut(false);
+    fleet.Start(0);
+    if (!fleet.RunUntilEqual(90)) {
+      FAIL() << *fleet.DifferenceFrom(fleet.AnyContent()) << " has another map than others:\n"
+             << fleet.Contents();
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Seeds, RandomFleet, testing::Range(1, 9));
+
+}  // namespace
+}  // namespace splinemap
