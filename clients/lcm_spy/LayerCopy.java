@@ -15,6 +15,7 @@ import splinemap.layer_listing_t;
 import splinemap.layer_pull_t;
 import splinemap.layer_updates_t;
 import splinemap.node_listing_t;
+import splinemap.stand_in_digest_t;
 import splinemap.tile_update_t;
 
 /**
@@ -30,6 +31,9 @@ final class LayerCopy {
   private static final int NODES_PER_PULL = 100;
   private static final int MAX_WANTED = 8192;
   private static final int MAX_LATE_US = 5_000_000;
+  private static final long MAX_SILENCE_MS = 3000;  // of an owner; then others stand in for it
+  // A life that nobody speaks of any more, and that was never whole, is given up.
+  private static final long GIVE_UP_LIFE_MS = 10_000;
 
   private static final long NEVER_MS = Long.MIN_VALUE / 2;
 
@@ -45,17 +49,21 @@ final class LayerCopy {
   private final Random random = new Random();
   private layer_epoch_t life;     // of the owner
   private layer_digest_t digest;  // the last of this life
+  private layer_digest_t owners_digest;  // the last of these, and of who stands in
+  private stand_in_digest_t stand_in_digest;
   private Map<Node, Tile> tiles = new HashMap<>();
   private final Map<Node, Long> hashes = new HashMap<>();  // sums of the tiles' checksums
   private long hash;                                       // of all of them
   // Of the tiles that changed since the last digest, what was there then; null for nothing.
   private final Map<Node, Tile> at_digest = new HashMap<>();
   private Map<Node, Tile> previous;  // what the life before left: shown until this one is whole
+  private layer_epoch_t previous_life;
   private final Map<Node, Wanted> wanted = new LinkedHashMap<>();
   private layer_digest_t check;  // whose hashes are compared until nothing of it is wanted
   private boolean in_sync;
   private Set<Node> changed = new HashSet<>();
-  private long heard_ms = NEVER_MS;
+  private long heard_ms = NEVER_MS;  // the owner
+  private long spoken_for_ms = NEVER_MS;
   private long match_ms = NEVER_MS;
 
   LayerCopy(BooleanSupplier is_full) {
@@ -67,13 +75,13 @@ final class LayerCopy {
     return in_sync;
   }
 
-  /** When that was so for the last time, and when the owner was heard. */
+  /** When that was so for the last time, and when the owner or who stands in for it was heard. */
   long matchMs() {
     return match_ms;
   }
 
-  long heardMs() {
-    return heard_ms;
+  long spokenForMs() {
+    return spoken_for_ms;
   }
 
   int numTilesKept() {
@@ -98,17 +106,36 @@ final class LayerCopy {
   }
 
   void takeDigest(layer_digest_t digest, long now_ms) {
-    int order = life == null ? 1 : compareLives(digest.layer, life);
-    if (order < 0) return;
-    if (order > 0) beginLife(digest.layer);
+    if (!reachesLife(digest.layer)) return;
     heard_ms = now_ms;
+    spoken_for_ms = now_ms;
     if (digest.layer.detail_level != 0) return;
-    if (this.digest != null && wasOvertaken(digest, this.digest)) return;
-    this.digest = digest;
-    at_digest.clear();
-    in_sync = false;
-    lookForMatch(now_ms);
-    if (!matches() && wanted.isEmpty()) beginCheck(now_ms);
+    if (owners_digest != null && wasOvertaken(digest, owners_digest)) return;
+    owners_digest = digest;
+    compareWith(digest, now_ms);
+  }
+
+  /** Ignored as long as the owner itself speaks. */
+  void takeStandInDigest(stand_in_digest_t stand_in, long now_ms) {
+    layer_digest_t digest = stand_in.digest;
+    boolean is_of_this_life = life != null && compareLives(digest.layer, life) == 0;
+    if (is_of_this_life && now_ms - heard_ms <= MAX_SILENCE_MS) return;
+    if (!reachesLife(digest.layer)) return;
+    spoken_for_ms = now_ms;
+    if (digest.layer.detail_level != 0) return;
+    // Of two that stand in, neither is late: their states are different ones.
+    if (stand_in_digest != null && stand_in_digest.daemon_nonce == stand_in.daemon_nonce
+        && isNoLater(digest, stand_in_digest.digest)) {
+      return;
+    }
+    stand_in_digest = stand_in;
+    compareWith(digest, now_ms);
+  }
+
+  /** True where nothing is left: lives up to some incarnation are gone for good. */
+  boolean isRemovedBy(LayerControl control) {
+    if (previous != null && control.isRemoved(previous_life)) forgetPrevious();
+    return control.isRemoved(life);
   }
 
   void takeUpdates(layer_updates_t updates) {
@@ -123,6 +150,7 @@ final class LayerCopy {
 
   /** What is to be asked now. Call it some times a second. */
   List<layer_pull_t> pulls(long now_ms) {
+    if (previous != null && now_ms - spoken_for_ms > GIVE_UP_LIFE_MS) goBackALife();
     if (digest != null && !in_sync) lookForMatch(now_ms);
     if (wanted.values().removeIf(node -> node.times_asked >= MAX_ASKS && node.due_ms <= now_ms)) {
       giveUpCheck();  // a later digest finds it again
@@ -149,17 +177,47 @@ final class LayerCopy {
     return previous != null ? previous : tiles;
   }
 
+  // False for a life that is over.
+  private boolean reachesLife(layer_epoch_t layer) {
+    int order = life == null ? 1 : compareLives(layer, life);
+    if (order > 0) beginLife(layer);
+    return order >= 0;
+  }
+
+  private void compareWith(layer_digest_t digest, long now_ms) {
+    this.digest = digest;
+    at_digest.clear();
+    in_sync = false;
+    lookForMatch(now_ms);
+    if (!matches() && wanted.isEmpty()) beginCheck(now_ms);
+  }
+
   private void beginLife(layer_epoch_t life) {
     if (previous == null && !tiles.isEmpty()) {
       previous = tiles;
+      previous_life = this.life;
       tiles = new HashMap<>();
     }
+    beginTiles(life);
+  }
+
+  // All are gone before this life was whole: what is shown is what there is.
+  private void goBackALife() {
+    beginTiles(previous_life);
+    tiles = previous;
+    previous = null;
+    tiles.forEach((key, tile) -> addHash(key, tile.checksum));
+  }
+
+  private void beginTiles(layer_epoch_t life) {
     tiles.clear();
     hashes.clear();
     hash = 0;
     at_digest.clear();
     wanted.clear();
     digest = null;
+    owners_digest = null;
+    stand_in_digest = null;
     check = null;
     in_sync = false;
     this.life = life;
@@ -178,6 +236,10 @@ final class LayerCopy {
   // late.
   private static boolean wasOvertaken(layer_digest_t digest, layer_digest_t last) {
     if (digest.state != last.state) return digest.state < last.state;
+    return isNoLater(digest, last);
+  }
+
+  private static boolean isNoLater(layer_digest_t digest, layer_digest_t last) {
     return digest.utime <= last.utime && digest.utime > last.utime - MAX_LATE_US;
   }
 
@@ -199,7 +261,10 @@ final class LayerCopy {
     wanted.clear();
     in_sync = true;
     match_ms = now_ms;
-    if (previous == null) return;
+    if (previous != null) forgetPrevious();
+  }
+
+  private void forgetPrevious() {
     changed.addAll(previous.keySet());
     changed.addAll(tiles.keySet());
     previous = null;
@@ -234,17 +299,20 @@ final class LayerCopy {
   private void keep(Node key, Tile known, Tile tile) {
     if (!at_digest.containsKey(key)) at_digest.put(key, known);
     tiles.put(key, tile);
-    long difference = tile.checksum - (known == null ? 0 : known.checksum);
-    hash += difference;
-    for (Node node = key; ; node = node.parent()) {
-      hashes.merge(node, difference, Long::sum);
-      if (node.level() == Node.MAX_LEVEL) break;
-    }
+    addHash(key, tile.checksum - (known == null ? 0 : known.checksum));
     Wanted asked = wanted.get(key);
     if (asked != null && Long.compareUnsigned(asked.revision, tile.revision) <= 0) {
       wanted.remove(key);
     }
     if (previous == null) changed.add(key);
+  }
+
+  private void addHash(Node tile, long difference) {
+    hash += difference;
+    for (Node node = tile; ; node = node.parent()) {
+      hashes.merge(node, difference, Long::sum);
+      if (node.level() == Node.MAX_LEVEL) break;
+    }
   }
 
   private void takeNode(node_listing_t listing, long now_ms) {

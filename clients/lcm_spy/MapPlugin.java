@@ -23,6 +23,7 @@ import lcm.spy.ChannelData;
 import lcm.spy.SpyPlugin;
 import splinemap.layer_digest_t;
 import splinemap.layer_updates_t;
+import splinemap.stand_in_digest_t;
 
 /** The map as it grows, in a window of lcm-spy. */
 public final class MapPlugin implements SpyPlugin {
@@ -32,7 +33,8 @@ public final class MapPlugin implements SpyPlugin {
   @Override
   public boolean canHandle(long fingerprint) {
     return fingerprint == layer_updates_t.LCM_FINGERPRINT
-        || fingerprint == layer_digest_t.LCM_FINGERPRINT;
+        || fingerprint == layer_digest_t.LCM_FINGERPRINT
+        || fingerprint == stand_in_digest_t.LCM_FINGERPRINT;
   }
 
   /** lcm-spy asks for the name with null and null. */

@@ -2,11 +2,14 @@ package splinemap.spy;
 
 import java.nio.ByteBuffer;
 import java.nio.charset.StandardCharsets;
+import splinemap.control_records_t;
+import splinemap.layer_control_t;
 import splinemap.layer_digest_t;
 import splinemap.layer_epoch_t;
 import splinemap.layer_listing_t;
 import splinemap.layer_updates_t;
 import splinemap.node_listing_t;
+import splinemap.stand_in_digest_t;
 import splinemap.tile_update_t;
 
 /**
@@ -17,25 +20,27 @@ final class Messages {
   private static final int MAX_NAME_BYTES = 256;
 
   static layer_digest_t digest(byte[] message) {
-    ByteBuffer in = open(message, layer_digest_t.LCM_FINGERPRINT);
-    layer_digest_t digest = new layer_digest_t();
-    digest.layer = epoch(in);
-    digest.protocol_version = in.getInt();
-    digest.utime = in.getLong();
-    digest.knot_interval_m = in.getDouble();
-    digest.min_control_point = in.getInt();
-    digest.max_control_point = in.getInt();
-    digest.state = in.getLong();
-    digest.revision = in.getLong();
-    digest.num_tiles = in.getLong();
-    digest.hash = in.getLong();
-    digest.root_level = in.getInt();
-    digest.lag_s = in.getDouble();
+    return digest(open(message, layer_digest_t.LCM_FINGERPRINT));
+  }
+
+  static stand_in_digest_t standInDigest(byte[] message) {
+    ByteBuffer in = open(message, stand_in_digest_t.LCM_FINGERPRINT);
+    stand_in_digest_t stand_in = new stand_in_digest_t();
+    stand_in.daemon_nonce = in.getLong();
+    stand_in.digest = digest(in);
+    return stand_in;
+  }
+
+  static control_records_t controls(byte[] message) {
+    ByteBuffer in = open(message, control_records_t.LCM_FINGERPRINT);
+    control_records_t controls = new control_records_t();
+    controls.sender = in.getLong();
+    controls.hash = in.getLong();
+    controls.num_records = count(in, 4 + 8 + 2 + 2 * 4 + 3 * 8 + 3 * 8);
+    controls.records = new layer_control_t[controls.num_records];
+    for (int k = 0; k < controls.num_records; ++k) controls.records[k] = control(in);
     check(!in.hasRemaining());
-    check(digest.knot_interval_m > 0 && Double.isFinite(digest.knot_interval_m));
-    check(digest.min_control_point >= Short.MIN_VALUE && digest.min_control_point < 0);
-    check(digest.max_control_point <= Short.MAX_VALUE && digest.max_control_point > 0);
-    return digest;
+    return controls;
   }
 
   static layer_updates_t updates(byte[] message) {
@@ -61,14 +66,58 @@ final class Messages {
     return listing;
   }
 
+  /** At the end of a message. */
+  private static layer_digest_t digest(ByteBuffer in) {
+    layer_digest_t digest = new layer_digest_t();
+    digest.layer = epoch(in);
+    digest.protocol_version = in.getInt();
+    digest.utime = in.getLong();
+    digest.knot_interval_m = in.getDouble();
+    digest.min_control_point = in.getInt();
+    digest.max_control_point = in.getInt();
+    digest.state = in.getLong();
+    digest.revision = in.getLong();
+    digest.num_tiles = in.getLong();
+    digest.hash = in.getLong();
+    digest.root_level = in.getInt();
+    digest.lag_s = in.getDouble();
+    check(!in.hasRemaining());
+    check(digest.knot_interval_m > 0 && Double.isFinite(digest.knot_interval_m));
+    check(digest.min_control_point >= Short.MIN_VALUE && digest.min_control_point < 0);
+    check(digest.max_control_point <= Short.MAX_VALUE && digest.max_control_point > 0);
+    return digest;
+  }
+
+  private static layer_control_t control(ByteBuffer in) {
+    layer_control_t control = new layer_control_t();
+    control.name = name(in);
+    control.origin = in.getLong();
+    control.muted = in.get() != 0;
+    control.yields = in.get() != 0;
+    control.shift_i = in.getInt();
+    control.shift_j = in.getInt();
+    control.x_m = in.getDouble();
+    control.y_m = in.getDouble();
+    control.yaw_rad = in.getDouble();
+    control.counter = in.getLong();
+    control.writer = in.getLong();
+    control.removed_up_to = in.getLong();
+    return control;
+  }
+
+  private static String name(ByteBuffer in) {
+    byte[] bytes = new byte[count(in, 1)];
+    in.get(bytes);
+    check(bytes.length > 1 && bytes.length <= MAX_NAME_BYTES + 1 && bytes[bytes.length - 1] == 0);
+    // LCM's own coding of strings in Java, in which a pull gives the name back as it came.
+    String name = new String(bytes, 0, bytes.length - 1, StandardCharsets.ISO_8859_1);
+    check(name.indexOf('\0') < 0);
+    return name;
+  }
+
   private static layer_epoch_t epoch(ByteBuffer in) {
     layer_epoch_t epoch = new layer_epoch_t();
-    byte[] name = new byte[count(in, 1)];
-    in.get(name);
-    check(name.length > 1 && name.length <= MAX_NAME_BYTES + 1 && name[name.length - 1] == 0);
-    // LCM's own coding of strings in Java, in which a pull gives the name back as it came.
-    epoch.name = new String(name, 0, name.length - 1, StandardCharsets.ISO_8859_1);
-    check(epoch.name.indexOf('\0') < 0);
+    epoch.name = name(in);
     epoch.origin = in.getLong();
     epoch.incarnation = in.getLong();
     epoch.nonce = in.getLong();

@@ -1,7 +1,5 @@
 package splinemap.spy;
 
-import java.util.Arrays;
-
 /** The surface of a map along a line of one y. Coordinates are in knot intervals. */
 final class SurfaceRow {
   private final MapCopy map;
@@ -25,7 +23,9 @@ final class SurfaceRow {
     int j = (int) Math.floor(y);
     if (first_j != j - 1) {
       first_j = j - 1;
-      for (int row = 0; row < 4; ++row) load(first_j + row, rows[row]);
+      for (int row = 0; row < 4; ++row) {
+        TileRows.copy(map::points, first_i, first_j + row, rows[row], 0, rows[row].length);
+      }
     }
     basis(y - j);
     for (int k = 0; k < sums.length; ++k) {
@@ -43,22 +43,6 @@ final class SurfaceRow {
     basis(x - i);
     return (weights[0] * sums[k] + weights[1] * sums[k + 1] + weights[2] * sums[k + 2]
             + weights[3] * sums[k + 3]) / 256;
-  }
-
-  private void load(int j, short[] row) {
-    int side = TileCode.SIDE;
-    for (int k = 0; k < row.length; ) {
-      int in_tile = Math.floorMod(first_i + k, side);
-      int count = Math.min(side - in_tile, row.length - k);
-      short[] points = map.points(
-          new Node(0, Math.floorDiv(first_i + k, side), Math.floorDiv(j, side)));
-      if (points == null) {
-        Arrays.fill(row, k, k + count, (short) 0);
-      } else {
-        System.arraycopy(points, Math.floorMod(j, side) * side + in_tile, row, k, count);
-      }
-      k += count;
-    }
   }
 
   // The uniform cubic basis spline at phase t.
