@@ -1,6 +1,6 @@
 """Prints the report of a run of the benchmarks in Markdown: report.py RESULTS.
 
-RESULTS holds speed_SUBJECT.json, written by Google Benchmark, and the tables and plots of accuracy.
+RESULTS holds speed_SUBJECT.json, written by Google Benchmark, and the tables and plots of accuracy and layers.
 """
 
 import collections
@@ -15,7 +15,9 @@ PAPER_MS = {"occupancy grid": 16.34, "Gaussian process": 142.60, "spline": 11.48
 PAPER_WORKLOAD = "simulated_360_beams_3.5_m"
 PEER_PACKAGES = ["libmrpt-maps-dev", "liboctomap-dev", "libbenchmark-dev"]
 TILE_BYTES = 2048
-ACCURACY_TABLES = ["fig3", "fig5", "logs", "defaults", "door", "gp"]
+ACCURACY_TABLES = [
+    "fig3", "fig5", "logs", "defaults", "door", "gp", "door_votes", "split_drives_mean",
+]  # fmt: skip
 
 
 class Speed:
@@ -285,7 +287,7 @@ def program(speed):
 
 
 def accuracy(results):
-    """The tables and plots of the accuracy program as they are."""
+    """The tables and plots of the programs accuracy and layers as they are."""
     parts = []
     for name in ACCURACY_TABLES:
         path = results / f"{name}.csv"
