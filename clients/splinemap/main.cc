@@ -33,6 +33,10 @@ int Main(int argc, char** argv) {
   AddRaster(app, chosen);
   AddExport(app, chosen);
   AddDiff(app, chosen);
+  AddLayers(app, chosen);
+  AddMerge(app, chosen);
+  AddRemove(app, chosen);
+  AddFlatten(app, chosen);
   AddDoctor(app, chosen);
   AddWatch(app, chosen);
   AddSnapshot(app, chosen);
