@@ -35,7 +35,10 @@ void AddMapOutputFlags(CLI::App& command, MapOutput& output);
 
 // Whether such a command may write its output: that is none of the inputs, and not in use.
 absl::Status CheckOutputOf(const std::vector<std::string>& inputs, const MapOutput& output);
-// An input. DataLoss where it is damaged, unless that is accepted.
+// Shows what was damaged of an input, on stderr. DataLoss where that is something, unless it is
+// accepted.
+absl::Status CheckInput(const LoadedMap& loaded, const std::string& path, const MapOutput& output);
+// Reads and checks an input.
 absl::StatusOr<LoadedMap> ReadInput(const std::string& path, const MapOutput& output);
 
 // Shows what was damaged, on stderr. The exit status of a command that else succeeded.

@@ -38,7 +38,7 @@ absl::StatusOr<int> Flatten(const Flags& flags) {
 
 constexpr const char* kExamples = R"(
 Example:
-  splinemap flatten fleet.splinemap -o lab.splinemap --name lab
+  splinemap flatten fleet.splinemap -o flat.splinemap --name lab
 
 One layer that is the sum of all, without those that are muted and shifted as was decided. Its parts
 cannot be told apart any more: merged with a map of one of its robots, what that saw counts twice.)";

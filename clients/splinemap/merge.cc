@@ -127,7 +127,9 @@ absl::StatusOr<int> Merge(const Flags& flags) {
     ProgressBar bar("merging");
     double bytes = 0;
     for (const std::string& path : flags.maps) {
-      SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadInput(path, flags.output));
+      SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(path));
+      if (!loaded.damages.empty()) bar.Hide();
+      SPLINEMAP_RETURN_IF_ERROR(CheckInput(loaded, path, flags.output));
       SPLINEMAP_RETURN_IF_ERROR(merger.Take(path, *loaded.map));
       is_whole = is_whole && loaded.damages.empty();
       bytes += Bytes(path);

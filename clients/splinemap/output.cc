@@ -48,11 +48,16 @@ absl::Status CheckOutputOf(const std::vector<std::string>& inputs, const MapOutp
   return MapFile::CheckNotInUse(output.out);
 }
 
-absl::StatusOr<LoadedMap> ReadInput(const std::string& path, const MapOutput& output) {
-  SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadMapFile(path));
-  if (ReportDamages(loaded) == kSuccess || output.accepts_damaged) return loaded;
+absl::Status CheckInput(const LoadedMap& loaded, const std::string& path, const MapOutput& output) {
+  if (ReportDamages(loaded) == kSuccess || output.accepts_damaged) return absl::OkStatus();
   return DataLoss("{} is damaged, so that nothing is written; --damaged takes what is left of it",
                   path);
+}
+
+absl::StatusOr<LoadedMap> ReadInput(const std::string& path, const MapOutput& output) {
+  SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadMapFile(path));
+  SPLINEMAP_RETURN_IF_ERROR(CheckInput(loaded, path, output));
+  return loaded;
 }
 
 absl::Status SaveAs(const MapSnapshot& map, const std::string& out) {

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Maps of several robots as files: merged in any order and grouping, without one of them, flattened;
 # and what is refused. Drives are the recorded ones, their scans shared among robots.
-# `merging.sh TOP all` shares every drive among 2, 5 and 20 robots; without, most of them once.
+# `merging.sh TOP all` shares every drive among 2, 5 and 20 robots; without, once.
 # shellcheck source=tests/integration/support.sh
 source "$1/tests/integration/support.sh" "$1"
 
@@ -259,11 +259,11 @@ choice=${2:-}
 for name in intel csail aces freiburg-079 belgioioso; do
   splinemap import-carmen "$shared_data/carmen/$name-corrected.log.gz" $name.lcmlog 2> /dev/null
 done
-drive intel.lcmlog LASER POSE 2 5 20
+drive intel.lcmlog LASER POSE 20
 drive csail.lcmlog LASER POSE 2
 drive aces.lcmlog LASER POSE 2
 drive freiburg-079.lcmlog LASER POSE 2
 drive belgioioso.lcmlog LASER POSE 2
-drive "$shared_data/lcm/convex_arena.lcmlog" RPLIDAR_LASER SLAM_POSE 5
+drive "$shared_data/lcm/convex_arena.lcmlog" RPLIDAR_LASER SLAM_POSE 2
 drive "$shared_data/lcm/sweep_square.lcmlog" LIDAR SLAM_POSE 2
 drive "$shared_data/lcm/odometry_square.lcmlog" LIDAR ODOMETRY 2
