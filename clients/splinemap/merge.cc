@@ -53,8 +53,10 @@ class Merger {
       options_ = {map.options, path};
     }
     SPLINEMAP_RETURN_IF_ERROR(CheckOptions(map.options, path, options_.first, options_.second));
-    SPLINEMAP_ASSIGN_OR_RETURN(const auto clashes, union_->Take(map));
-    for (const LayerSnapshot& layer : map.layers) Note(path, layer, clashes);
+    const auto clashes = union_->Take(map);
+    if (!clashes.ok()) return FailedPrecondition("{}: {}", path, ErrorText(clashes.status()));
+    for (const LayerSnapshot& layer : map.layers) sources_.try_emplace(layer.id, path);
+    for (const LayerUnion::Clash& clash : *clashes) Note(path, clash);
     return absl::OkStatus();
   }
 
@@ -81,17 +83,9 @@ class Merger {
   }
 
  private:
-  void Note(const std::string& path, const LayerSnapshot& layer,
-            const std::vector<LayerUnion::Clash>& clashes) {
-    std::string& source = sources_.try_emplace(layer.id, path).first->second;
-    for (const LayerUnion::Clash& clash : clashes) {
-      if (clash.id == layer.id) Note(path, layer, clash, source);
-    }
-  }
-
-  void Note(const std::string& path, const LayerSnapshot& layer, const LayerUnion::Clash& clash,
-            std::string& source) {
-    const std::string name = NameOf(layer.id);
+  void Note(const std::string& path, const LayerUnion::Clash& clash) {
+    std::string& source = sources_.at(clash.id);
+    const std::string name = NameOf(clash.id);
     if (clash.contradictions > 0) {
       has_contradictions_ = true;
       notes_.push_back(fmt::format(
@@ -101,13 +95,13 @@ class Merger {
           name, path, clash.contradictions, source));
       return;
     }
-    const bool is_newer = clash.kept == layer.epoch;
-    notes_.push_back(fmt::format(
-        "{}: start {} in {} replaces start {} in {}{}", name, clash.kept.incarnation,
-        is_newer ? path : source, clash.dropped.incarnation, is_newer ? source : path,
-        clash.kept.incarnation == clash.dropped.incarnation ? ": two owners of one copied file"
-                                                            : ""));
-    if (is_newer) source = path;
+    notes_.push_back(fmt::format("{}: start {} in {} replaces start {} in {}{}", name,
+                                 clash.kept.incarnation, clash.is_map_newer ? path : source,
+                                 clash.dropped.incarnation, clash.is_map_newer ? source : path,
+                                 clash.kept.incarnation == clash.dropped.incarnation
+                                     ? ": two owners of one copied file"
+                                     : ""));
+    if (clash.is_map_newer) source = path;
   }
 
   std::optional<LayerUnion> union_;

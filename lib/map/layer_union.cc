@@ -38,7 +38,7 @@ absl::StatusOr<std::vector<LayerUnion::Clash>> LayerUnion::Take(const MapSnapsho
     const auto [known, is_new] = layers_.try_emplace(layer.id, layer);
     if (is_new) continue;
     const auto [dropped, kept] = std::minmax(known->second.epoch, layer.epoch);
-    Clash clash{layer.id, kept, dropped};
+    Clash clash{layer.id, kept, dropped, known->second.epoch < layer.epoch};
     known->second = Merge(known->second, layer, clash.contradictions);
     if (clash.kept != clash.dropped || clash.contradictions > 0) clashes.push_back(clash);
   }

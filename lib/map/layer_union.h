@@ -29,6 +29,7 @@ class LayerUnion {
     LayerId id;
     LayerEpoch kept;
     LayerEpoch dropped;          // equal to `kept` where tiles contradict each other
+    bool is_map_newer = false;   // the map's copy was kept, the union's dropped
     int64_t contradictions = 0;  // tiles of one revision and different content
   };
 

@@ -267,7 +267,11 @@ TEST_F(LayerUnionTest, TheGreaterEpochReplacesTheLayerAsAWhole) {
   ASSERT_EQ(clashes->size(), 1u);
   EXPECT_EQ(clashes->front().kept, (LayerEpoch{2, 1}));
   EXPECT_EQ(clashes->front().dropped.incarnation, 1u);
+  EXPECT_FALSE(clashes->front().is_map_newer);
   EXPECT_EQ(clashes->front().contradictions, 0);
+  LayerUnion in_order(kOptions);
+  EXPECT_TRUE(in_order.Take(*before.Snapshot())->empty());
+  EXPECT_TRUE(in_order.Take(*after.Snapshot())->front().is_map_newer);
   ExpectEqual(*layer_union.Snapshot(), *after.Snapshot());
 }
 
