@@ -105,7 +105,7 @@ std::string TextOf(const LayerControl& control, const std::optional<LayerEpoch>&
     decisions.push_back(fmt::format("shifted by {}, {} knots", control.shift.i, control.shift.j));
   }
   if (IsAligned(control)) {
-    decisions.push_back(fmt::format("turned and moved by {:g} m, {:g} m, {:g} rad, and so left out",
+    decisions.push_back(fmt::format("turned and moved by {} m, {} m, {} rad, and so left out",
                                     control.alignment[0], control.alignment[1],
                                     control.alignment[2]));
   }
