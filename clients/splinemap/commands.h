@@ -48,6 +48,7 @@ int ReportDamages(const LoadedMap& loaded);
 void AddBridge(CLI::App& app, Command& chosen);
 void AddBuild(CLI::App& app, Command& chosen);
 void AddCheck(CLI::App& app, Command& chosen);
+void AddControl(CLI::App& app, Command& chosen);
 void AddDiff(CLI::App& app, Command& chosen);
 void AddDistance(CLI::App& app, Command& chosen);
 void AddDoctor(CLI::App& app, Command& chosen);

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <array>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/escaping.h"
+#include "clients/splinemap/live_layers.h"
 #include "fmt/format.h"
 #include "fmt/ranges.h"
 #include "lib/map/tile_update.h"
@@ -37,8 +39,8 @@ Region RegionOf(const KnotBox& box, KnotShift shift, double knot_interval_m) {
 
 bool IsAligned(const LayerControl& control) { return control.alignment != std::array<double, 3>{}; }
 
-constexpr std::array kHeader{"layer",   "start", "commits", "tiles",
-                             "area_m2", "box_m", "hash",    "decided"};
+constexpr std::array kHeader{"layer", "state",   "heard_s", "start", "commits",
+                             "tiles", "area_m2", "box_m",   "hash",  "decided"};
 using Row = std::array<std::string, kHeader.size()>;
 
 Row RowOf(const LayerLine& line) {
@@ -47,16 +49,18 @@ Row RowOf(const LayerLine& line) {
   row.front() = NameOf(line.id);
   row.back() =
       TextOf(line.control, line.content ? std::optional(line.content->epoch) : std::nullopt);
+  if (!line.state.empty()) row[1] = line.state;
+  if (line.heard_s_ago >= 0) row[2] = fmt::format("{:.1f}", line.heard_s_ago);
   if (!line.content) return row;
   const LayerLine::Content& content = *line.content;
-  row[1] = fmt::to_string(content.epoch.incarnation);
-  row[2] = fmt::to_string(content.revision);
-  row[3] = fmt::to_string(content.tiles);
-  row[4] = fmt::format("{:.1f}", content.area_m2);
+  row[3] = fmt::to_string(content.epoch.incarnation);
+  row[4] = fmt::to_string(content.revision);
+  row[5] = fmt::to_string(content.tiles);
+  row[6] = fmt::format("{:.1f}", content.area_m2);
   if (const auto& box = content.box) {
-    row[5] = fmt::format("{:.3f},{:.3f},{:.3f},{:.3f}", box->x0_m, box->y0_m, box->x1_m, box->y1_m);
+    row[7] = fmt::format("{:.3f},{:.3f},{:.3f},{:.3f}", box->x0_m, box->y0_m, box->x1_m, box->y1_m);
   }
-  row[6] = fmt::format("{:016x}", content.hash);
+  row[8] = fmt::format("{:016x}", content.hash);
   return row;
 }
 
@@ -64,6 +68,33 @@ Row RowOf(const LayerLine& line) {
 
 std::string NameOf(const LayerId& id) {
   return fmt::format("{}@{:016x}", absl::Utf8SafeCHexEscape(id.name), id.origin);
+}
+
+bool Names(const std::string& text, const LayerId& id) {
+  if (text == id.name) return true;
+  const std::string whole = fmt::format("{}@{:016x}", id.name, id.origin);
+  return text.size() > id.name.size() + 1 && text.starts_with(id.name + '@') &&
+         whole.starts_with(id.name + '@' + absl::AsciiStrToLower(text.substr(id.name.size() + 1)));
+}
+
+LayerLine LineOf(const layer_status_t& layer) {
+  LayerLine line{{layer.name, static_cast<uint64_t>(layer.origin)},
+                 std::nullopt,
+                 ControlOf(layer),
+                 layer.state,
+                 layer.heard_s_ago};
+  if (layer.state == "removed") return line;
+  line.content = LayerLine::Content{
+      {static_cast<uint64_t>(layer.incarnation), static_cast<uint64_t>(layer.nonce)},
+      static_cast<uint64_t>(layer.revision),
+      static_cast<size_t>(layer.num_tiles),
+      layer.area_m2,
+      std::nullopt,
+      static_cast<uint64_t>(layer.hash)};
+  if (layer.num_tiles > 0) {
+    line.content->box = Region{layer.x0_m, layer.y0_m, layer.x1_m, layer.y1_m};
+  }
+  return line;
 }
 
 LayerLine LineOf(const LayerSnapshot& layer, const LayerControl& control, double knot_interval_m) {
@@ -80,7 +111,7 @@ LayerLine LineOf(const LayerSnapshot& layer, const LayerControl& control, double
   });
   content.area_m2 = static_cast<double>(known) * knot_interval_m * knot_interval_m;
   if (known > 0) content.box = RegionOf(box, control.shift, knot_interval_m);
-  return {layer.id, content, control};
+  return {layer.id, content, control, "", -1};
 }
 
 std::vector<LayerLine> LinesOf(const MapSnapshot& map) {
@@ -93,7 +124,7 @@ std::vector<LayerLine> LinesOf(const MapSnapshot& map) {
     const bool is_there =
         std::any_of(lines.begin(), lines.begin() + num_layers,
                     [&, &id = id](const LayerLine& line) { return line.id == id; });
-    if (!is_there) lines.push_back({id, std::nullopt, control});
+    if (!is_there) lines.push_back({id, std::nullopt, control, "", -1});
   }
   return lines;
 }
@@ -101,6 +132,7 @@ std::vector<LayerLine> LinesOf(const MapSnapshot& map) {
 std::string TextOf(const LayerControl& control, const std::optional<LayerEpoch>& epoch) {
   std::vector<std::string> decisions;
   if (control.muted) decisions.push_back("muted");
+  if (control.yields) decisions.push_back("yields");
   if (control.shift != KnotShift{}) {
     decisions.push_back(fmt::format("shifted by {}, {} knots", control.shift.i, control.shift.j));
   }
@@ -124,11 +156,14 @@ std::string TableOf(const std::vector<LayerLine>& lines) {
   for (const Row& row : rows) {
     for (size_t k = 0; k < row.size(); ++k) widths[k] = std::max(widths[k], row[k].size());
   }
+  const bool is_live = std::any_of(lines.begin(), lines.end(),
+                                   [](const LayerLine& line) { return !line.state.empty(); });
   std::string table;
   for (const Row& row : rows) {
     std::string text;
     for (size_t k = 0; k < row.size(); ++k) {
-      const bool is_number = k > 0 && k < 5;
+      if (!is_live && (k == 1 || k == 2)) continue;  // state, heard_s
+      const bool is_number = k > 1 && k < 7;
       text += is_number ? fmt::format("{:>{}}  ", row[k], widths[k])
                         : fmt::format("{:<{}}  ", row[k], widths[k]);
     }
@@ -144,11 +179,16 @@ nlohmann::json ToJson(const LayerLine& line) {
       {"name", line.id.name},
       {"origin", fmt::format("{:016x}", line.id.origin)},
       {"muted", control.muted},
+      {"yields", control.yields},
       {"shift_knots", {control.shift.i, control.shift.j}},
       {"alignment", control.alignment},
       {"removed_up_to", control.removed_up_to},
       {"in_sum", line.content.has_value() && control.IsSummed()},
   };
+  if (!line.state.empty()) {
+    json["state"] = line.state;
+    json["heard_s_ago"] = line.heard_s_ago;
+  }
   if (!line.content) return json;
   const LayerLine::Content& content = *line.content;
   json["incarnation"] = content.epoch.incarnation;

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lib/map/layer.h"
 #include "lib/map/layer_control.h"
 #include "lib/map/map.h"
@@ -16,6 +17,8 @@ namespace splinemap {
 
 // NAME@ORIGIN, as layers are told apart in what people read and type.
 std::string NameOf(const LayerId& id);
+// Whether `text` is the layer's NAME, or NAME@ and how its origin begins.
+bool Names(const std::string& text, const LayerId& id);
 
 // What people are shown of a layer.
 struct LayerLine {
@@ -30,9 +33,15 @@ struct LayerLine {
   LayerId id;
   std::optional<Content> content;  // none where only a record about the layer is there
   LayerControl control;
+  // Of a daemon's: "own", "live", "stale", "gone"; since its owner was heard, -1 if not yet.
+  std::string state;
+  double heard_s_ago = -1;
 };
 
 LayerLine LineOf(const LayerSnapshot& layer, const LayerControl& control, double knot_interval_m);
+
+// As a daemon says it. Its areas and boxes are of tiles.
+LayerLine LineOf(const layer_status_t& layer);
 
 // Of the layers of a map, and then of those that only have a record.
 std::vector<LayerLine> LinesOf(const MapSnapshot& map);

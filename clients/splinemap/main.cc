@@ -35,6 +35,7 @@ int Main(int argc, char** argv) {
   AddExport(app, chosen);
   AddDiff(app, chosen);
   AddLayers(app, chosen);
+  AddControl(app, chosen);
   AddMerge(app, chosen);
   AddRemove(app, chosen);
   AddFlatten(app, chosen);

@@ -1,9 +1,7 @@
 #include <algorithm>
-#include <cctype>
 #include <cstdio>
 #include <memory>
 
-#include "absl/strings/ascii.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/layer_lines.h"
 #include "lib/base/did_you_mean.h"
@@ -19,14 +17,6 @@ struct Flags {
   std::vector<std::string> layers;
   MapOutput output;
 };
-
-// Whether `text` is the layer's NAME, or NAME@ and how its origin begins.
-bool Names(const std::string& text, const LayerId& id) {
-  if (text == id.name) return true;
-  const std::string whole = fmt::format("{}@{:016x}", id.name, id.origin);
-  return text.size() > id.name.size() + 1 && text.starts_with(id.name + '@') &&
-         whole.starts_with(id.name + '@' + absl::AsciiStrToLower(text.substr(id.name.size() + 1)));
-}
 
 absl::StatusOr<LayerId> FindLayer(const MapSnapshot& map, const std::string& text,
                                   const std::string& path) {
