@@ -182,7 +182,7 @@ absl::Status Daemon::DecideAboutLayer(const layer_command_request_t& request) {
                            request.shift_j, KnotShift::kMax);
   }
   keeper_->Decide(id, control);
-  if (keeper_->Controls().Of(id) != control) {
+  if (!keeper_->Controls().records().contains(id)) {
     return absl::ResourceExhaustedError(
         fmt::format("{} layers have decisions already, which is the most", LayerControls::kMax));
   }
