@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "absl/container/flat_hash_set.h"
 #include "lib/map/key_tree_impl.h"
 #include "lib/query/footprint.h"
 #include "lib/query/obstacle_search.h"
@@ -16,22 +17,36 @@ template class KeyTreeEditor<DistanceTile>;
 
 namespace {
 
-constexpr int kUnits = 8;  // to a knot interval
+constexpr int kUnits = Site::kUnits;
 constexpr int kTileUnits = Tile::kSide * kUnits;
+constexpr int kBlockUnits = VertexBlock::kSide * kUnits;
+constexpr int kSquaresOfBlock = VertexBlock::kSide * ObstacleSquares::kPerKnot;
 constexpr double kMaxDoubt = 0.625 * kUnits;
 
 using Row = ObstacleSquares::Row;
+using Offset = DistanceTile::Offset;
 
-// The block's vertices.
-VertexBox VerticesOf(int block) {
-  constexpr int kBlockSide = DistanceTile::kBlockSide;
-  const auto end = [](int begin) {
-    return begin + kBlockSide == Tile::kSide ? Tile::kSide : begin + kBlockSide - 1;
-  };
-  const int x0 = kBlockSide * (block % DistanceTile::kBlocks);
-  const int y0 = kBlockSide * (block / DistanceTile::kBlocks);
-  return {x0, y0, end(x0), end(y0)};
+VertexBlock BlockOf(int block) {
+  return {VertexBlock::kSide * (block % DistanceTile::kBlocks),
+          VertexBlock::kSide * (block / DistanceTile::kBlocks)};
 }
+
+// Between [a0, a1] and [b0, b1].
+int32_t Gap(int32_t a0, int32_t a1, int32_t b0, int32_t b1) {
+  return std::max({a0 - b1, b0 - a1, 0});
+}
+
+int32_t Square(int32_t x) { return x * x; }
+
+Site CentreOf(int x, int y) { return {2 * x + 1, 2 * y + 1}; }
+
+// Calls f(x) for each bit of a row.
+template <typename Function>
+void ForEachBit(uint32_t bits, Function f) {
+  for (; bits != 0; bits &= bits - 1) f(std::countr_zero(bits));
+}
+
+uint32_t PartOf(Row row, int bx) { return static_cast<uint32_t>(row >> (kSquaresOfBlock * bx)); }
 
 }  // namespace
 
@@ -43,10 +58,9 @@ DistancesQuery::Distance DistanceField::At(const Eigen::Vector2d& point_m) const
   const auto x = LocateKnot(point_m.x(), knot_interval_m);
   const auto y = LocateKnot(point_m.y(), knot_interval_m);
   if (!x || !y) return unknown;
-  const DistanceTile* tile = tiles_.Find(TileOf(x->index, y->index));
+  const TileKey key = TileOf(x->index, y->index);
+  const DistanceTile* tile = tiles_.Find(key);
   if (tile == nullptr) return unknown;
-  const int corner =
-      DistanceTile::kSide * (y->index & (Tile::kSide - 1)) + (x->index & (Tile::kSide - 1));
   // Squares of distances in eighths: of the nearest, and the least that it can be.
   double most = std::numeric_limits<double>::infinity();
   double least = -kUnits * kUnits * (x->t * (1 - x->t) + y->t * (1 - y->t));
@@ -54,8 +68,8 @@ DistancesQuery::Distance DistanceField::At(const Eigen::Vector2d& point_m) const
   for (int k = 0; k < 4; ++k) {
     const int right = k % 2;
     const int up = k / 2;
-    const DistanceTile::Offset offset = tile->nearest[corner + right + DistanceTile::kSide * up];
-    if (offset.x == DistanceTile::Offset::kNone) return far;
+    const Offset offset = OffsetAt(key, *tile, x->index + right, y->index + up);
+    if (offset.x == Offset::kNone) return far;
     const Eigen::Vector2d from(kUnits * (x->t - right) - offset.x, kUnits * (y->t - up) - offset.y);
     const double squared = from.squaredNorm();
     if (squared < most) {
@@ -80,56 +94,65 @@ DistancesQuery::Distance DistanceField::At(const Eigen::Vector2d& point_m) const
   return {distance_m, away / at_most};
 }
 
+// Of a vertex in the tile or next to it.
+Offset DistanceField::OffsetAt(TileKey home, const DistanceTile& tile, int32_t i, int32_t j) const {
+  const TileKey key = TileOf(i, j);
+  const DistanceTile* at = key == home ? &tile : tiles_.Find(key);
+  if (at != nullptr) return at->nearest[IndexInTile(i, j)];
+  return options_.unknown == Unknown::kStops ? Offset{-1, -1} : Offset();
+}
+
 DistancesQuery::Distance DistanceField::Search(const Eigen::Vector2d& point_m) const {
   ObstacleSearch search(*map_, bounds_, options_.occupied_log_odds, options_.unknown);
   return FindDistance(search, point_m, options_.max_distance_m, map_->options.knot_interval_m);
 }
 
 DistanceField DistanceFieldEditor::Update(std::shared_ptr<const MapSnapshot> map) {
-  const uint64_t line = bounds_of_map_.tiles.line();
-  const uint64_t epoch = bounds_of_map_.tiles.epoch();
-  bounds_of_map_ = bounds_.Update(*map);
+  const uint64_t line = bounds_.tiles.line();
+  const uint64_t epoch = bounds_.tiles.epoch();
+  bounds_ = bounds_editor_.Update(*map);
   const bool goes_on =
-      bounds_of_map_.tiles.line() == line && map->options.knot_interval_m == knot_interval_m_;
+      bounds_.tiles.line() == line && map->options.knot_interval_m == map_->options.knot_interval_m;
   if (!goes_on) BeginAnew(*map);
   std::vector<TileKey> touched;
-  bounds_of_map_.tiles.ForEachChanged(
+  bounds_.tiles.ForEachChanged(
       goes_on ? epoch : 0,
       [&](TileKey key, const KeyTree<TileBounds>::Entry&) { touched.push_back(key); });
 
-  absl::flat_hash_map<TileKey, Blocks> marked;
+  absl::flat_hash_map<TileKey, BlockMask> marked;
   if (options_.unknown == Unknown::kStops) {
     for (const TileKey key : touched) {
-      if (tiles_.tree().Find(key) == nullptr) marked[key] = ~Blocks{0};
+      if (tiles_.tree().Find(key) == nullptr) marked[key] = ~BlockMask{0};
     }
   }
-  for (const Change& change : UpdateObstacles(*map, touched)) {
-    MarkBlocksNear(change, marked);
-  }
+  const std::vector<Change> changes = UpdateObstacles(*map, touched);
+  UpdateRims(changes);
+  for (const Change& change : changes) MarkBlocksNear(change, marked);
   for (const auto& [key, blocks] : marked) UpdateTile(key, blocks);
+  map_ = std::move(map);
 
   DistanceField field;
   field.options_ = options_;
-  field.options_.max_distance_m =
-      std::min(options_.max_distance_m, DistanceFieldOptions::kMaxReach * knot_interval_m_);
-  field.map_ = std::move(map);
-  field.bounds_ = bounds_of_map_;
+  field.options_.max_distance_m = std::min(
+      options_.max_distance_m, DistanceFieldOptions::kMaxReach * map_->options.knot_interval_m);
+  field.map_ = map_;
+  field.bounds_ = bounds_;
   field.tiles_ = tiles_.Freeze();
   return field;
 }
 
 void DistanceFieldEditor::BeginAnew(const MapSnapshot& map) {
+  map_ = std::make_shared<const MapSnapshot>();
   obstacles_.clear();
   obstacles_box_ = {};
   tiles_ = KeyTreeEditor<DistanceTile>();
-  knot_interval_m_ = map.options.knot_interval_m;
-  const double reach =
-      std::min(options_.max_distance_m / knot_interval_m_, DistanceFieldOptions::kMaxReach);
+  const double reach = std::min(options_.max_distance_m / map.options.knot_interval_m,
+                                DistanceFieldOptions::kMaxReach);
   // From a point that is nearer than that, the vertices around it are not farther than a diagonal.
   reach_ = static_cast<int32_t>(std::ceil(kUnits * (reach + std::numbers::sqrt2)));
   reach_tiles_ = reach_ / kTileUnits + 1;
   DistanceTile nothing_near;
-  nothing_near.longest.fill(reach_ * reach_);
+  nothing_near.longest.fill(Square(reach_));
   nothing_near_ = std::make_shared<const DistanceTile>(nothing_near);
 }
 
@@ -144,15 +167,13 @@ const ObstacleSquares& DistanceFieldEditor::SquaresAt(TileKey key) const {
 std::vector<DistanceFieldEditor::Change> DistanceFieldEditor::UpdateObstacles(
     const MapSnapshot& map, absl::Span<const TileKey> touched) {
   std::vector<Change> changes;
-  absl::flat_hash_set<TileKey> changed;
-  PatchReader patches(map.merged);
+  changed_.clear();
+  SquareFinder finder(map.merged, options_.occupied_log_odds * kUnitsPerLogOdds, options_.unknown);
   for (const TileKey key : touched) {
-    const ObstacleSquares squares =
-        SquaresOf(patches, key, *bounds_of_map_.tiles.Find(key),
-                  options_.occupied_log_odds * kUnitsPerLogOdds, options_.unknown);
-    const size_t num_changes = changes.size();
+    ObstacleSquares squares = SquaresAt(key);
+    finder.Update(key, *bounds_.tiles.Find(key), ChangedCells(map_->merged, map.merged, key),
+                  squares);
     AddChanges(key, SquaresAt(key), squares, changes);
-    if (changes.size() > num_changes) changed.insert(key);
     if (options_.unknown == Unknown::kPasses && squares.IsEmpty()) {
       obstacles_.erase(key);
       continue;
@@ -162,36 +183,30 @@ std::vector<DistanceFieldEditor::Change> DistanceFieldEditor::UpdateObstacles(
     obstacles->squares = squares;
     obstacles_box_.Add(key);
   }
-  UpdateRims(changed);
   return changes;
 }
 
-// Boxes around what differs, of each block of 8 x 8 knot cells one.
 void DistanceFieldEditor::AddChanges(TileKey key, const ObstacleSquares& before,
                                      const ObstacleSquares& after, std::vector<Change>& changes) {
-  constexpr int kBlockSide = ObstacleSquares::kSide / DistanceTile::kBlocks;
-  for (int by = 0; by < DistanceTile::kBlocks; ++by) {
-    Row changed = 0;
-    for (int y = kBlockSide * by; y < kBlockSide * (by + 1); ++y) {
-      changed |= before.rows[y] ^ after.rows[y];
+  for (int block = 0; block < kBlocks * kBlocks; ++block) {
+    Change change;
+    change.tile = key;
+    change.begin = static_cast<int>(changed_.size());
+    for (int k = 0; k < kSquaresOfBlock; ++k) {
+      const int y = kSquaresOfBlock * (block / kBlocks) + k;
+      const int x0 = kSquaresOfBlock * (block % kBlocks);
+      ForEachBit(PartOf(before.rows[y] ^ after.rows[y], block % kBlocks),
+                 [&](int x) { changed_.push_back(CentreOf(x0 + x, y)); });
     }
-    if (changed == 0) continue;
-    for (int bx = 0; bx < DistanceTile::kBlocks; ++bx) {
-      const auto columns = static_cast<uint32_t>(changed >> (kBlockSide * bx));
-      if (columns == 0) continue;
-      int first = ObstacleSquares::kSide;
-      int last = 0;
-      for (int y = kBlockSide * by; y < kBlockSide * (by + 1); ++y) {
-        const Row row = (before.rows[y] ^ after.rows[y]) >> (kBlockSide * bx);
-        if (static_cast<uint32_t>(row) == 0) continue;
-        first = std::min(first, y);
-        last = y;
-      }
-      // What is at the rim depends on the squares beside it.
-      const int left = kBlockSide * bx + std::countr_zero(columns) - 1;
-      const int right = kBlockSide * bx + std::bit_width(columns);
-      changes.push_back({key, {2 * left + 1, 2 * first - 1, 2 * right + 1, 2 * last + 3}});
+    change.end = static_cast<int>(changed_.size());
+    if (change.begin == change.end) continue;
+    change.low = change.high = changed_[change.begin];
+    for (int k = change.begin; k < change.end; ++k) {
+      change.low = {std::min(change.low.x, changed_[k].x), std::min(change.low.y, changed_[k].y)};
+      change.high = {std::max(change.high.x, changed_[k].x),
+                     std::max(change.high.y, changed_[k].y)};
     }
+    changes.push_back(change);
   }
 }
 
@@ -204,119 +219,113 @@ class DistanceFieldEditor::Surroundings {
     }
   }
 
-  // Row y in [-1, 128], and the squares on its left and its right.
-  struct WideRow {
-    Row row;
-    Row left;   // 0 or 1
-    Row right;  // 0 or 1
-    Row shifted_right() const { return row << 1 | left; }
-    Row shifted_left() const { return row >> 1 | right << (kSide - 1); }
-  };
-  WideRow At(int y) const {
-    const int ty = y < 0 ? 0 : y < kSide ? 1 : 2;
-    const int row = y & (kSide - 1);
-    return {tiles_[3 * ty + 1]->rows[row], tiles_[3 * ty]->rows[row] >> (kSide - 1),
-            tiles_[3 * ty + 2]->rows[row] & 1};
-  }
+  // Row y in [-1, 128].
+  Row At(int y) const { return RowOf(1, y); }
+  // By square, the one on its left, or right.
+  Row LeftOf(int y) const { return RowOf(1, y) << 1 | RowOf(0, y) >> (kSide - 1); }
+  Row RightOf(int y) const { return RowOf(1, y) >> 1 | RowOf(2, y) << (kSide - 1); }
 
-  // Whether the four squares around a vertex are there.
-  bool AreAllAround(int x, int y) const {
-    const WideRow below = At(ObstacleSquares::kPerKnot * y - 1);
-    const WideRow above = At(ObstacleSquares::kPerKnot * y);
-    if (x == Tile::kSide) {
-      return (below.row & above.row) >> (kSide - 1) != 0 && (below.right & above.right) != 0;
-    }
-    const Row all = below.row & above.row & below.shifted_right() & above.shifted_right();
-    return (all >> (ObstacleSquares::kPerKnot * x) & 1) != 0;
-  }
+  // Those that do not lie between four others.
+  Row Rim(int y) const { return At(y) & ~(LeftOf(y) & RightOf(y) & At(y - 1) & At(y + 1)); }
 
  private:
   static constexpr int kSide = ObstacleSquares::kSide;
+
+  Row RowOf(int tx, int y) const {
+    const int ty = y < 0 ? 0 : y < kSide ? 1 : 2;
+    return tiles_[3 * ty + tx]->rows[y & (kSide - 1)];
+  }
+
   std::array<const ObstacleSquares*, 9> tiles_;
 };
 
-void DistanceFieldEditor::UpdateRims(const absl::flat_hash_set<TileKey>& changed) {
-  absl::flat_hash_set<TileKey> beside = changed;
-  for (const TileKey key : changed) {
-    beside.insert(
-        {{key.tx - 1, key.ty}, {key.tx + 1, key.ty}, {key.tx, key.ty - 1}, {key.tx, key.ty + 1}});
+void DistanceFieldEditor::UpdateRims(absl::Span<const Change> changes) {
+  absl::flat_hash_set<TileKey> beside;
+  for (const Change& change : changes) {
+    const auto [tx, ty] = change.tile;
+    beside.insert({{tx, ty}, {tx - 1, ty}, {tx + 1, ty}, {tx, ty - 1}, {tx, ty + 1}});
   }
   for (const TileKey key : beside) {
     const auto found = obstacles_.find(key);
     if (found == obstacles_.end()) continue;
-    std::vector<Site>& rim = found->second->rim;
-    rim.clear();
+    Obstacles& obstacles = *found->second;
+    obstacles.rim.clear();
     const Surroundings surroundings(*this, key);
-    for (int y = 0; y < ObstacleSquares::kSide; ++y) {
-      const Surroundings::WideRow row = surroundings.At(y);
-      Row rest = row.row & ~(row.shifted_left() & row.shifted_right() & surroundings.At(y - 1).row &
-                             surroundings.At(y + 1).row);
-      while (rest != 0) {
-        const auto low = static_cast<uint64_t>(rest);
-        const int x = low != 0 ? std::countr_zero(low)
-                               : 64 + std::countr_zero(static_cast<uint64_t>(rest >> 64));
-        rim.push_back({2 * x + 1, 2 * y + 1});
-        rest &= rest - 1;
+    std::array<Row, ObstacleSquares::kSide> rows;
+    for (int y = 0; y < ObstacleSquares::kSide; ++y) rows[y] = surroundings.Rim(y);
+    for (int block = 0; block < kBlocks * kBlocks; ++block) {
+      const int x0 = kSquaresOfBlock * (block % kBlocks);
+      const int y0 = kSquaresOfBlock * (block / kBlocks);
+      for (int y = y0; y < y0 + kSquaresOfBlock; ++y) {
+        ForEachBit(PartOf(rows[y], block % kBlocks),
+                   [&](int x) { obstacles.rim.push_back(CentreOf(x0 + x, y)); });
       }
+      obstacles.ends[block + 1] = static_cast<int>(obstacles.rim.size());
     }
   }
 }
 
-// Those that may have something of the change as their nearest, before or after it: that is not
-// nearer than what they have.
 void DistanceFieldEditor::MarkBlocksNear(const Change& change,
-                                         absl::flat_hash_map<TileKey, Blocks>& marked) const {
-  const auto distance = [](int32_t a0, int32_t a1, int32_t b0, int32_t b1) {
-    return std::max({a0 - b1, b0 - a1, 0});
-  };
+                                         absl::flat_hash_map<TileKey, BlockMask>& marked) const {
   for (int dy = -reach_tiles_; dy <= reach_tiles_; ++dy) {
     for (int dx = -reach_tiles_; dx <= reach_tiles_; ++dx) {
       const TileKey key{change.tile.tx + dx, change.tile.ty + dy};
-      if (!IsInRange(key)) continue;
+      const int32_t x = Gap(kTileUnits * dx, kTileUnits * (dx + 1), change.low.x, change.high.x);
+      const int32_t y = Gap(kTileUnits * dy, kTileUnits * (dy + 1), change.low.y, change.high.y);
+      if (Square(x) + Square(y) > Square(reach_) || !IsInRange(key)) continue;
       if (options_.unknown == Unknown::kStops && !obstacles_.contains(key)) continue;
-      const Box box{change.box.x0 - kTileUnits * dx, change.box.y0 - kTileUnits * dy,
-                    change.box.x1 - kTileUnits * dx, change.box.y1 - kTileUnits * dy};
-      const int32_t x = distance(0, kTileUnits, box.x0, box.x1);
-      const int32_t y = distance(0, kTileUnits, box.y0, box.y1);
-      if (x * x + y * y > reach_ * reach_) continue;
       const DistanceTile* tile = tiles_.tree().Find(key);
-      Blocks blocks = 0;
-      for (int block = 0; block < DistanceTile::kBlocks * DistanceTile::kBlocks; ++block) {
-        const VertexBox vertices = VerticesOf(block);
-        const int32_t longest = tile == nullptr ? reach_ * reach_ : tile->longest[block];
-        const int32_t bx = distance(kUnits * vertices.x0, kUnits * vertices.x1, box.x0, box.x1);
-        const int32_t by = distance(kUnits * vertices.y0, kUnits * vertices.y1, box.y0, box.y1);
-        if (bx * bx + by * by <= longest) blocks |= static_cast<Blocks>(1 << block);
+      const auto found = marked.find(key);
+      const BlockMask before = found == marked.end() ? 0 : found->second;
+      BlockMask blocks = before;
+      for (int block = 0; block < kBlocks * kBlocks; ++block) {
+        const auto bit = static_cast<BlockMask>(1 << block);
+        if ((blocks & bit) != 0) continue;
+        if (IsNearAny(change, key, tile == nullptr ? *nothing_near_ : *tile, block)) blocks |= bit;
       }
-      if (blocks != 0) marked[key] |= blocks;
+      if (blocks != before) marked[key] = blocks;
     }
   }
 }
 
-void DistanceFieldEditor::GatherSitesAround(TileKey key) {
-  sites_.clear();
-  const TileBox& box = obstacles_box_;
-  for (int ty = std::max(key.ty - reach_tiles_, box.ty0);
-       ty < std::min(key.ty + reach_tiles_ + 1, box.ty1); ++ty) {
-    for (int tx = std::max(key.tx - reach_tiles_, box.tx0);
-         tx < std::min(key.tx + reach_tiles_ + 1, box.tx1); ++tx) {
-      const auto found = obstacles_.find({tx, ty});
-      if (found == obstacles_.end()) continue;
-      const int32_t x = kTileUnits * (tx - key.tx);
-      const int32_t y = kTileUnits * (ty - key.ty);
-      for (const Site& site : found->second->rim) sites_.push_back({site.x + x, site.y + y});
+// Whether a vertex of the block may have something of the change as its nearest, before or after
+// it: what came or went is not farther than what it has.
+bool DistanceFieldEditor::IsNearAny(const Change& change, TileKey key, const DistanceTile& tile,
+                                    int block) const {
+  const VertexBlock vertices = BlockOf(block);
+  const int32_t x0 = kTileUnits * (key.tx - change.tile.tx) + kUnits * vertices.x0;
+  const int32_t y0 = kTileUnits * (key.ty - change.tile.ty) + kUnits * vertices.y0;
+  const auto squared_gap = [&](const Site& low, const Site& high) {
+    constexpr int32_t kWidth = kBlockUnits - kUnits;
+    return Square(Gap(x0, x0 + kWidth, low.x, high.x)) +
+           Square(Gap(y0, y0 + kWidth, low.y, high.y));
+  };
+  const int32_t longest = tile.longest[block];
+  if (squared_gap(change.low, change.high) > longest) return false;
+  for (int k = change.begin; k < change.end; ++k) {
+    const Site& site = changed_[k];
+    if (squared_gap(site, site) > longest) continue;
+    for (int y = 0; y < VertexBlock::kSide; ++y) {
+      const Offset* offsets = &tile.nearest[IndexInTile(vertices.x0, vertices.y0 + y)];
+      const int32_t squared_y = Square(y0 + kUnits * y - site.y);
+      bool is_near = false;
+      for (int x = 0; x < VertexBlock::kSide; ++x) {
+        const Offset offset = offsets[x];
+        const int32_t has =
+            offset.x == Offset::kNone ? Square(reach_) : Square(offset.x) + Square(offset.y);
+        is_near = is_near || Square(x0 + kUnits * x - site.x) + squared_y <= has;
+      }
+      if (is_near) return true;
     }
   }
+  return false;
 }
 
-void DistanceFieldEditor::UpdateTile(TileKey key, Blocks blocks) {
+void DistanceFieldEditor::UpdateTile(TileKey key, BlockMask blocks) {
   const DistanceTile* before = tiles_.tree().Find(key);
   DistanceTile tile = before == nullptr ? *nothing_near_ : *before;
-  GatherSitesAround(key);
-  NearestSites::LeaveOut(sites_, {0, 0, Tile::kSide, Tile::kSide});
-  const Surroundings surroundings(*this, key);
-  for (int block = 0; block < DistanceTile::kBlocks * DistanceTile::kBlocks; ++block) {
-    if ((blocks >> block & 1) != 0) UpdateBlock(block, surroundings, tile);
+  for (int block = 0; block < kBlocks * kBlocks; ++block) {
+    if ((blocks >> block & 1) != 0) UpdateBlock(key, BlockOf(block), tile);
   }
   if (tile != *nothing_near_) {
     tiles_.Edit(key, 0) = tile;
@@ -325,33 +334,83 @@ void DistanceFieldEditor::UpdateTile(TileKey key, Blocks blocks) {
   }
 }
 
-void DistanceFieldEditor::UpdateBlock(int block, const Surroundings& surroundings,
-                                      DistanceTile& tile) {
-  const VertexBox vertices = VerticesOf(block);
+void DistanceFieldEditor::UpdateBlock(TileKey key, const VertexBlock& block, DistanceTile& tile) {
+  GatherSitesAround(key, block);
+  LeaveOutHidden(sites_, block);
+  std::array<Site, VertexBlock::kSize> nearest;
+  if (!sites_.empty()) nearest = NearestSites(sites_, block);
+  const Surroundings surroundings(*this, key);
   int32_t longest = 0;
-  const auto set = [&](int x, int y, DistanceTile::Offset offset) {
-    const int32_t squared = offset.x * offset.x + offset.y * offset.y;
-    const bool is_near = squared <= reach_ * reach_;
-    longest = std::max(longest, is_near ? squared : reach_ * reach_);
-    tile.nearest[DistanceTile::kSide * y + x] = is_near ? offset : DistanceTile::Offset();
-  };
-  for (int y = vertices.y0; y <= vertices.y1; ++y) {
-    for (int x = vertices.x0; x <= vertices.x1; ++x) {
-      tile.nearest[DistanceTile::kSide * y + x] = DistanceTile::Offset();
+  for (int y = block.y0; y < block.y0 + VertexBlock::kSide; ++y) {
+    // The squares that have a vertex as their corner: no other is nearer, and not all of them have
+    // to be at the rim.
+    const int above = ObstacleSquares::kPerKnot * y;
+    const std::array<Row, 4> corners{surroundings.LeftOf(above - 1), surroundings.At(above - 1),
+                                     surroundings.LeftOf(above), surroundings.At(above)};
+    for (int x = block.x0; x < block.x0 + VertexBlock::kSide; ++x) {
+      Offset offset;
+      int32_t squared = Square(reach_) + 1;
+      if (!sites_.empty()) {
+        const Site& site = nearest[VertexBlock::kSide * (y - block.y0) + x - block.x0];
+        const Site way{site.x - kUnits * x, site.y - kUnits * y};
+        offset = {static_cast<int16_t>(way.x), static_cast<int16_t>(way.y)};
+        squared = Square(way.x) + Square(way.y);
+      }
+      for (int k = 3; k >= 0; --k) {
+        if ((corners[k] >> (ObstacleSquares::kPerKnot * x) & 1) == 0) continue;
+        offset = {static_cast<int16_t>(k % 2 == 0 ? -1 : 1), static_cast<int16_t>(k < 2 ? -1 : 1)};
+        squared = 2;
+      }
+      const bool is_near = squared <= Square(reach_);
+      tile.nearest[IndexInTile(x, y)] = is_near ? offset : Offset();
+      longest = std::max(longest, is_near ? squared : Square(reach_));
     }
   }
-  if (sites_.empty()) longest = reach_ * reach_;
-  nearest_.Find(sites_, vertices, [&](int x, int y, const Site& site) {
-    set(x, y,
-        {static_cast<int16_t>(site.x - kUnits * x), static_cast<int16_t>(site.y - kUnits * y)});
-  });
-  // Between four squares, none of which has to be at the rim.
-  for (int y = vertices.y0; y <= vertices.y1; ++y) {
-    for (int x = vertices.x0; x <= vertices.x1; ++x) {
-      if (surroundings.AreAllAround(x, y)) set(x, y, {-1, -1});
+  tile.longest[kBlocks * (block.y0 / VertexBlock::kSide) + block.x0 / VertexBlock::kSide] = longest;
+}
+
+// All that can be nearest to a vertex of the block: ring by ring of the blocks around it, until
+// what is there is farther from all of them than the nearest so far.
+void DistanceFieldEditor::GatherSitesAround(TileKey key, const VertexBlock& block) {
+  constexpr int32_t kHalf = (kBlockUnits - kUnits) / 2;
+  sites_.clear();
+  const int bx = block.x0 / VertexBlock::kSide;
+  const int by = block.y0 / VertexBlock::kSide;
+  int32_t least = std::numeric_limits<int32_t>::max();
+  double end = reach_;
+  // Of the blocks that have obstacles, from this one.
+  const int left = kBlocks * (obstacles_box_.tx0 - key.tx) - bx;
+  const int right = kBlocks * (obstacles_box_.tx1 - key.tx) - bx - 1;
+  const int low = kBlocks * (obstacles_box_.ty0 - key.ty) - by;
+  const int high = kBlocks * (obstacles_box_.ty1 - key.ty) - by - 1;
+  const int first = std::max({left, -right, low, -high, 0});
+  const int last = std::max({-left, right, -low, high});
+  for (int ring = first; ring <= last && kBlockUnits * (ring - 1) + 1 <= end; ++ring) {
+    for (int dy = std::max(-ring, low); dy <= std::min(ring, high); ++dy) {
+      const int step = std::abs(dy) == ring ? 1 : 2 * ring;
+      for (int dx = -ring; dx <= ring; dx += step) {
+        if (dx < left || dx > right) continue;
+        const int x = bx + dx;
+        const int y = by + dy;
+        const int tx = x >> 2;
+        const int ty = y >> 2;
+        const auto found = obstacles_.find({key.tx + tx, key.ty + ty});
+        if (found == obstacles_.end()) continue;
+        const Obstacles& obstacles = *found->second;
+        const int k = kBlocks * (y & (kBlocks - 1)) + (x & (kBlocks - 1));
+        for (int n = obstacles.ends[k]; n < obstacles.ends[k + 1]; ++n) {
+          const Site site{obstacles.rim[n].x + kTileUnits * tx,
+                          obstacles.rim[n].y + kTileUnits * ty};
+          sites_.push_back(site);
+          const int32_t squared = Square(site.x - kUnits * block.x0 - kHalf) +
+                                  Square(site.y - kUnits * block.y0 - kHalf);
+          if (squared >= least) continue;
+          least = squared;
+          end = std::min<double>(reach_, std::sqrt(squared) + std::numbers::sqrt2 * kHalf);
+        }
+      }
     }
   }
-  tile.longest[block] = longest;
 }
 
 }  // namespace splinemap

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "absl/container/flat_hash_map.h"
-#include "absl/container/flat_hash_set.h"
+#include "absl/types/span.h"
 #include "lib/map/key_tree.h"
 #include "lib/map/map.h"
 #include "lib/map/region.h"
@@ -27,12 +27,10 @@ struct DistanceFieldOptions {
   static constexpr double kMaxReach = 2000;
 };
 
-// Of the vertices of the knot grid in a tile, those on all of its sides included: where the nearest
-// obstacle is.
+// Of each vertex (i, j) of the knot grid, in tile TileOf(i, j) at IndexInTile(i, j): where the
+// nearest obstacle is.
 struct DistanceTile {
-  static constexpr int kSide = Tile::kSide + 1;
-  static constexpr int kBlocks = 4;     // each way
-  static constexpr int kBlockSide = 8;  // the last has the vertices of the far side, too
+  static constexpr int kBlocks = Tile::kSide / VertexBlock::kSide;  // each way
 
   // To the centre of a square of 1/4 knot interval, in eighths.
   struct Offset {
@@ -42,7 +40,7 @@ struct DistanceTile {
     int16_t y = kNone;
     bool operator==(const Offset&) const = default;
   };
-  std::array<Offset, kSide * kSide> nearest;  // x runs fastest
+  std::array<Offset, Tile::kSize> nearest;
   // The longest of a block, squared; the greatest reach where nothing is near.
   std::array<int32_t, kBlocks * kBlocks> longest;
 
@@ -76,6 +74,7 @@ class DistanceField {
   friend class DistanceFieldEditor;
 
   DistancesQuery::Distance Search(const Eigen::Vector2d& point_m) const;
+  DistanceTile::Offset OffsetAt(TileKey home, const DistanceTile& tile, int32_t i, int32_t j) const;
 
   DistanceFieldOptions options_;
   std::shared_ptr<const MapSnapshot> map_ = std::make_shared<const MapSnapshot>();
@@ -95,51 +94,53 @@ class DistanceFieldEditor {
   DistanceField Update(std::shared_ptr<const MapSnapshot> map);
 
  private:
-  // In eighths of a knot interval from the corner of a tile: [x0, x1] x [y0, y1].
-  struct Box {
-    int32_t x0;
-    int32_t y0;
-    int32_t x1;
-    int32_t y1;
-  };
-  struct Change {
-    TileKey tile;
-    Box box;  // of the centres of squares
-  };
+  // Of what is of the blocks of 8 x 8 in a tile.
+  static constexpr int kBlocks = DistanceTile::kBlocks;
+  using BlockMask = uint16_t;
+
   struct Obstacles {
     ObstacleSquares squares;
-    // Centres of those squares that do not lie between four others.
+    // The centres of those squares that do not lie between four others, by block: block k has
+    // those from ends[k] on to ends[k + 1].
     std::vector<Site> rim;
+    std::array<int, kBlocks * kBlocks + 1> ends{};
+  };
+  // The centres of squares of a block that came or went, in changed_, and the box around them.
+  struct Change {
+    TileKey tile;
+    int begin;
+    int end;
+    Site low;
+    Site high;
   };
   class Surroundings;
-  using Blocks = uint16_t;  // a bit for each of a tile
 
   void BeginAnew(const MapSnapshot& map);
   std::vector<Change> UpdateObstacles(const MapSnapshot& map, absl::Span<const TileKey> touched);
-  static void AddChanges(TileKey key, const ObstacleSquares& before, const ObstacleSquares& after,
-                         std::vector<Change>& changes);
-  void UpdateRims(const absl::flat_hash_set<TileKey>& changed);
-  void MarkBlocksNear(const Change& change, absl::flat_hash_map<TileKey, Blocks>& marked) const;
-  void UpdateTile(TileKey key, Blocks blocks);
-  void UpdateBlock(int block, const Surroundings& surroundings, DistanceTile& tile);
-  void GatherSitesAround(TileKey key);
+  void AddChanges(TileKey key, const ObstacleSquares& before, const ObstacleSquares& after,
+                  std::vector<Change>& changes);
+  void UpdateRims(absl::Span<const Change> changes);
+  void MarkBlocksNear(const Change& change, absl::flat_hash_map<TileKey, BlockMask>& marked) const;
+  bool IsNearAny(const Change& change, TileKey key, const DistanceTile& tile, int block) const;
+  void UpdateTile(TileKey key, BlockMask blocks);
+  void UpdateBlock(TileKey key, const VertexBlock& block, DistanceTile& tile);
+  void GatherSitesAround(TileKey key, const VertexBlock& block);
   const ObstacleSquares& SquaresAt(TileKey key) const;
 
   const DistanceFieldOptions options_;
-  SurfaceBoundsEditor bounds_;
-  SurfaceBounds bounds_of_map_;
-  double knot_interval_m_ = 0;
+  std::shared_ptr<const MapSnapshot> map_ = std::make_shared<const MapSnapshot>();
+  SurfaceBoundsEditor bounds_editor_;
+  SurfaceBounds bounds_;
   // To what vertices may be from what counts, in eighths of a knot interval; and in tiles.
   int32_t reach_ = 0;
   int32_t reach_tiles_ = 0;
   // Absent: no square, or where unknown stops, all of them.
   absl::flat_hash_map<TileKey, std::unique_ptr<Obstacles>> obstacles_;
-  TileBox obstacles_box_;
+  TileBox obstacles_box_;  // around them
   KeyTreeEditor<DistanceTile> tiles_;
   std::shared_ptr<const DistanceTile> nothing_near_;
-  // Of the tile that is being updated.
-  std::vector<Site> sites_;
-  NearestSites nearest_;
+  std::vector<Site> changed_;
+  std::vector<Site> sites_;  // of the block that is being updated
 };
 
 }  // namespace splinemap

@@ -2,81 +2,79 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <limits>
 
 namespace splinemap {
 namespace {
 
-constexpr int kUnits = 8;  // to a knot interval
+typedef int32_t Integers4 __attribute__((vector_size(16)));
 
 int32_t SquaredDistance(const Site& a, const Site& b) {
   return (a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y);
 }
 
-bool IsLess(const Site& a, const Site& b) { return a.y != b.y ? a.y < b.y : a.x < b.x; }
-
-// Copies to `kept`, which has room for all of them, and returns how many.
-size_t Keep(const Site* sites, size_t count, const VertexBox& box, Site* kept) {
-  const Site centre{kUnits / 2 * (box.x0 + box.x1), kUnits / 2 * (box.y0 + box.y1)};
-  const int32_t half_x = kUnits / 2 * (box.x1 - box.x0);
-  const int32_t half_y = kUnits / 2 * (box.y1 - box.y0);
-  size_t nearest = 0;
-  int32_t least = SquaredDistance(sites[0], centre);
-  for (size_t k = 1; k < count; ++k) {
-    const int32_t squared = SquaredDistance(sites[k], centre);
-    nearest = squared < least ? k : nearest;
-    least = std::min(squared, least);
-  }
-  // |v - a|^2 - |v - b|^2 is linear in v: at the centre the one side, over the box the other at
-  // most more.
-  const Site best = sites[nearest];
-  size_t num_kept = 0;
-  for (size_t k = 0; k < count; ++k) {
-    const Site site = sites[k];
-    const int32_t slack =
-        2 * (half_x * std::abs(site.x - best.x) + half_y * std::abs(site.y - best.y));
-    kept[num_kept] = site;
-    num_kept += SquaredDistance(site, centre) - least <= slack ? 1 : 0;
-  }
-  return num_kept;
-}
-
 }  // namespace
 
-void NearestSites::LeaveOut(std::vector<Site>& sites, const VertexBox& box) {
-  if (!sites.empty()) sites.resize(Keep(sites.data(), sites.size(), box, sites.data()));
-}
-
-void NearestSites::Find(const std::vector<Site>& sites, const VertexBox& box, Visitor visit) {
+void LeaveOutHidden(std::vector<Site>& sites, const VertexBlock& block) {
   if (sites.empty()) return;
-  stack_ = sites;
-  Split(0, stack_.size(), box, visit);
+  constexpr int32_t kHalf = Site::kUnits * (VertexBlock::kSide - 1) / 2;
+  const Site centre{Site::kUnits * block.x0 + kHalf, Site::kUnits * block.y0 + kHalf};
+  Site best = sites[0];
+  int32_t least = std::numeric_limits<int32_t>::max();
+  for (const Site& site : sites) {
+    const int32_t squared = SquaredDistance(site, centre);
+    if (squared < least) best = site;
+    least = std::min(squared, least);
+  }
+  // |v - site|^2 - |v - best|^2 is linear in v: over the block it is at most so much less than at
+  // the centre.
+  size_t num_kept = 0;
+  for (const Site site : sites) {
+    const int32_t slack = 2 * kHalf * (std::abs(site.x - best.x) + std::abs(site.y - best.y));
+    sites[num_kept] = site;
+    num_kept += SquaredDistance(site, centre) - least <= slack ? 1 : 0;
+  }
+  sites.resize(num_kept);
 }
 
-void NearestSites::Split(size_t begin, size_t end, const VertexBox& box, Visitor visit) {
-  const size_t count = end - begin;
-  if (count == 1) {
-    for (int y = box.y0; y <= box.y1; ++y) {
-      for (int x = box.x0; x <= box.x1; ++x) visit(x, y, stack_[begin]);
+std::array<Site, VertexBlock::kSize> NearestSites(std::vector<Site>& sites,
+                                                  const VertexBlock& block) {
+  std::sort(sites.begin(), sites.end(),
+            [](const Site& a, const Site& b) { return a.y != b.y ? a.y < b.y : a.x < b.x; });
+  // Four vertices of a row at once, and few sites, whose squares stay in the fastest cache.
+  constexpr int kFours = VertexBlock::kSize / 4;
+  constexpr size_t kChunk = 64;
+  std::array<Integers4, kFours> least;
+  std::array<Integers4, kFours> best;
+  least.fill(Integers4{} + std::numeric_limits<int32_t>::max());
+  best.fill(Integers4{});
+  std::array<std::array<Integers4, kChunk>, 2> squares_x;
+  for (size_t begin = 0; begin < sites.size(); begin += kChunk) {
+    const size_t count = std::min(kChunk, sites.size() - begin);
+    for (int half = 0; half < 2; ++half) {
+      const Integers4 x = Site::kUnits * (block.x0 + 4 * half + Integers4{0, 1, 2, 3});
+      for (size_t k = 0; k < count; ++k) {
+        squares_x[half][k] = (x - sites[begin + k].x) * (x - sites[begin + k].x);
+      }
     }
-    return;
+    for (int four = 0; four < kFours; ++four) {
+      const int32_t y = Site::kUnits * (block.y0 + four / 2);
+      Integers4 least_of_four = least[four];
+      Integers4 best_of_four = best[four];
+      for (size_t k = 0; k < count; ++k) {
+        const int32_t dy = y - sites[begin + k].y;
+        const Integers4 squared = squares_x[four % 2][k] + dy * dy;
+        const Integers4 is_less = squared < least_of_four;
+        least_of_four = is_less ? squared : least_of_four;
+        best_of_four = is_less ? Integers4{} + static_cast<int32_t>(begin + k) : best_of_four;
+      }
+      least[four] = least_of_four;
+      best[four] = best_of_four;
+    }
   }
-  if (stack_.size() < end + count) stack_.resize(end + count);
-  const size_t kept = end + Keep(&stack_[begin], count, box, &stack_[end]);
-  if (box.x0 == box.x1 && box.y0 == box.y1) {
-    visit(box.x0, box.y0, *std::min_element(stack_.begin() + end, stack_.begin() + kept, IsLess));
-    return;
-  }
-  VertexBox first = box;
-  VertexBox second = box;
-  if (box.x1 - box.x0 >= box.y1 - box.y0) {
-    first.x1 = (box.x0 + box.x1) / 2;
-    second.x0 = first.x1 + 1;
-  } else {
-    first.y1 = (box.y0 + box.y1) / 2;
-    second.y0 = first.y1 + 1;
-  }
-  Split(end, kept, first, visit);
-  Split(end, kept, second, visit);
+  std::array<Site, VertexBlock::kSize> nearest;
+  for (int n = 0; n < VertexBlock::kSize; ++n) nearest[n] = sites[best[n / 4][n % 4]];
+  return nearest;
 }
 
 }  // namespace splinemap

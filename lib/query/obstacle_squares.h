@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 
+#include "lib/query/bezier_net.h"
 #include "lib/query/cell_patch.h"
 #include "lib/query/queries.h"
 #include "lib/query/surface_bounds.h"
@@ -30,8 +31,37 @@ struct ObstacleSquares {
   }
 };
 
-// Of the tile that has these bounds; `threshold` in units of control points.
-ObstacleSquares SquaresOf(PatchReader& patches, TileKey key, const TileBounds& bounds,
-                          double threshold, Unknown unknown);
+// A bit for each knot cell of a tile, by row.
+using CellMask = std::array<uint32_t, Tile::kSide>;
+
+// The cells that one of the tiles near them decides otherwise in `after` than in `before`.
+CellMask ChangedCells(const TileTree& before, const TileTree& after, TileKey key);
+
+// Finds the squares of a map. Thread-compatible; outlived by the tiles.
+class SquareFinder {
+ public:
+  // `threshold` in units of control points.
+  SquareFinder(const TileTree& tiles, double threshold, Unknown unknown)
+      : threshold_(threshold), unknown_(unknown), patches_(tiles) {}
+
+  // Looks at these cells of the tile that has the bounds; the squares of others stay.
+  void Update(TileKey key, const TileBounds& bounds, const CellMask& cells,
+              ObstacleSquares& squares);
+
+ private:
+  bool IsClear(const Bounds& bounds) const {
+    return bounds.upper < threshold_ && (bounds.all_known || unknown_ == Unknown::kPasses);
+  }
+  bool IsFree(const BezierNet& net) const;
+  bool HasOccupied(const BezierNet& net, double side) const;
+  // 2 rows of 2 bits, in a cell's 4 rows of 4.
+  uint32_t OfQuarter(bool is_known, const Bounds& bounds, const BezierNet& cell, bool right,
+                     bool upper) const;
+  uint32_t OfCell(const CellPatch& patch) const;
+
+  const double threshold_;
+  const Unknown unknown_;
+  PatchReader patches_;
+};
 
 }  // namespace splinemap

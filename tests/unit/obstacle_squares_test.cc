@@ -11,6 +11,12 @@ namespace {
 
 constexpr double kKnot_m = 0.05;  // as MapOptions has it
 
+constexpr CellMask kAllCells = [] {
+  CellMask cells;
+  cells.fill(~uint32_t{0});
+  return cells;
+}();
+
 // Tiles of which some are known in part: noise, holes, levels that are the same everywhere.
 std::shared_ptr<const MapSnapshot> RandomMap(uint64_t seed) {
   std::mt19937_64 random(seed);
@@ -35,12 +41,12 @@ TEST(ObstacleSquaresTest, HaveWhatIsOccupiedOrUnknownAndNothingElse) {
   for (uint64_t seed = 0; seed < 4; ++seed) {
     const auto map = RandomMap(seed);
     const SurfaceBounds bounds = SurfaceBoundsEditor().Update(*map);
-    PatchReader patches(map->merged);
     for (const Unknown unknown : {Unknown::kPasses, Unknown::kStops}) {
       for (const double threshold : {0.0, -1.0, 0.7}) {
         bounds.tiles.ForEach([&](TileKey key, const KeyTree<TileBounds>::Entry& entry) {
-          const ObstacleSquares squares =
-              SquaresOf(patches, key, *entry.tile, threshold * kUnitsPerLogOdds, unknown);
+          ObstacleSquares squares;
+          SquareFinder(map->merged, threshold * kUnitsPerLogOdds, unknown)
+              .Update(key, *entry.tile, kAllCells, squares);
           for (int y = 0; y < ObstacleSquares::kSide; y += 5) {
             for (int x = 0; x < ObstacleSquares::kSide; x += 5) {
               // The square, at steps of 1/32 knot interval; unknown is all of it or nothing.
@@ -74,6 +80,49 @@ TEST(ObstacleSquaresTest, HaveWhatIsOccupiedOrUnknownAndNothingElse) {
   EXPECT_GT(num_clear, 1000);
 }
 
+TEST(ObstacleSquaresTest, OnlyTheCellsThatAreToldChange) {
+  const auto map = RandomMap(1);
+  const SurfaceBounds bounds = SurfaceBoundsEditor().Update(*map);
+  SquareFinder finder(map->merged, 0, Unknown::kPasses);
+  ObstacleSquares anew;
+  finder.Update({0, 0}, *bounds.tiles.Find({0, 0}), kAllCells, anew);
+  CellMask cells{};
+  cells[3] = 0x30;
+  for (const ObstacleSquares& before : {ObstacleSquares(), ObstacleSquares::All()}) {
+    ObstacleSquares squares = before;
+    finder.Update({0, 0}, *bounds.tiles.Find({0, 0}), cells, squares);
+    for (int y = 0; y < ObstacleSquares::kSide; ++y) {
+      for (int x = 0; x < ObstacleSquares::kSide; ++x) {
+        const bool is_told = y / 4 == 3 && (x / 4 == 4 || x / 4 == 5);
+        const ObstacleSquares& expected = is_told ? anew : before;
+        ASSERT_EQ(squares.rows[y] >> x & 1, expected.rows[y] >> x & 1) << x << " " << y;
+      }
+    }
+  }
+}
+
+TEST(ObstacleSquaresTest, CellsChangeWhereOneOfTheirControlPointsDoes) {
+  std::mt19937_64 random(1);
+  std::uniform_int_distribution<int> knot(-36, 68);
+  Map map(MapOptions{});
+  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+  for (int commit = 0; commit < 200; ++commit) {
+    const auto before = map.Snapshot();
+    layer.BeginCommit();
+    const int i = knot(random);
+    const int j = knot(random);
+    ControlPoint& control_point = layer.EditTile(TileOf(i, j)).control_points[IndexInTile(i, j)];
+    control_point = static_cast<ControlPoint>(control_point + 1);
+    const CellMask cells = ChangedCells(before->merged, map.Snapshot()->merged, {0, 0});
+    for (int y = 0; y < Tile::kSide; ++y) {
+      for (int x = 0; x < Tile::kSide; ++x) {
+        const bool is_near = i >= x - 1 && i <= x + 2 && j >= y - 1 && j <= y + 2;
+        ASSERT_EQ((cells[y] >> x & 1) != 0, is_near) << i << " " << j << " " << x << " " << y;
+      }
+    }
+  }
+}
+
 // A hill whose top is between the corners of a square is not missed.
 TEST(ObstacleSquaresTest, PeaksWithinASquareAreFound) {
   Map map(MapOptions{});
@@ -99,10 +148,10 @@ TEST(ObstacleSquaresTest, PeaksWithinASquareAreFound) {
     most = std::max(most, log_odds);
   }
   const SurfaceBounds bounds = SurfaceBoundsEditor().Update(*snapshot);
-  PatchReader patches(snapshot->merged);
   const double threshold = (most - 1e-5) * kUnitsPerLogOdds;
-  const ObstacleSquares squares =
-      SquaresOf(patches, {0, 0}, *bounds.tiles.Find({0, 0}), threshold, Unknown::kPasses);
+  ObstacleSquares squares;
+  SquareFinder(snapshot->merged, threshold, Unknown::kPasses)
+      .Update({0, 0}, *bounds.tiles.Find({0, 0}), kAllCells, squares);
   const auto x = static_cast<int>(top_m.x() / kKnot_m * ObstacleSquares::kPerKnot);
   const auto y = static_cast<int>(top_m.y() / kKnot_m * ObstacleSquares::kPerKnot);
   EXPECT_EQ(squares.rows[y] >> x & 1, 1);
