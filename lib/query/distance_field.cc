@@ -38,6 +38,11 @@ int32_t Gap(int32_t a0, int32_t a1, int32_t b0, int32_t b1) {
 
 int32_t Square(int32_t x) { return x * x; }
 
+// What at least is between the vertices of a block and the squares of one that is so many farther.
+int32_t GapOfBlocks(int blocks) {
+  return blocks == 0 ? 0 : kBlockUnits * (std::abs(blocks) - 1) + 1;
+}
+
 Site CentreOf(int x, int y) { return {2 * x + 1, 2 * y + 1}; }
 
 // Calls f(x) for each bit of a row.
@@ -302,21 +307,25 @@ bool DistanceFieldEditor::IsNearAny(const Change& change, TileKey key, const Dis
   };
   const int32_t longest = tile.longest[block];
   if (squared_gap(change.low, change.high) > longest) return false;
+  std::array<int32_t, VertexBlock::kSize> has;
+  for (int n = 0; n < VertexBlock::kSize; ++n) {
+    const Offset offset = tile.nearest[IndexInTile(vertices.x0 + n % VertexBlock::kSide,
+                                                   vertices.y0 + n / VertexBlock::kSide)];
+    has[n] = offset.x == Offset::kNone ? Square(reach_) : Square(offset.x) + Square(offset.y);
+  }
   for (int k = change.begin; k < change.end; ++k) {
     const Site& site = changed_[k];
     if (squared_gap(site, site) > longest) continue;
+    std::array<int32_t, VertexBlock::kSide> squares_x;
+    for (int x = 0; x < VertexBlock::kSide; ++x) squares_x[x] = Square(x0 + kUnits * x - site.x);
+    int num_near = 0;
     for (int y = 0; y < VertexBlock::kSide; ++y) {
-      const Offset* offsets = &tile.nearest[IndexInTile(vertices.x0, vertices.y0 + y)];
-      const int32_t squared_y = Square(y0 + kUnits * y - site.y);
-      bool is_near = false;
+      const int32_t square_y = Square(y0 + kUnits * y - site.y);
       for (int x = 0; x < VertexBlock::kSide; ++x) {
-        const Offset offset = offsets[x];
-        const int32_t has =
-            offset.x == Offset::kNone ? Square(reach_) : Square(offset.x) + Square(offset.y);
-        is_near = is_near || Square(x0 + kUnits * x - site.x) + squared_y <= has;
+        num_near += squares_x[x] + square_y <= has[VertexBlock::kSide * y + x] ? 1 : 0;
       }
-      if (is_near) return true;
     }
+    if (num_near > 0) return true;
   }
   return false;
 }
@@ -385,11 +394,12 @@ void DistanceFieldEditor::GatherSitesAround(TileKey key, const VertexBlock& bloc
   const int high = kBlocks * (obstacles_box_.ty1 - key.ty) - by - 1;
   const int first = std::max({left, -right, low, -high, 0});
   const int last = std::max({-left, right, -low, high});
-  for (int ring = first; ring <= last && kBlockUnits * (ring - 1) + 1 <= end; ++ring) {
+  for (int ring = first; ring <= last && GapOfBlocks(ring) <= end; ++ring) {
     for (int dy = std::max(-ring, low); dy <= std::min(ring, high); ++dy) {
       const int step = std::abs(dy) == ring ? 1 : 2 * ring;
       for (int dx = -ring; dx <= ring; dx += step) {
         if (dx < left || dx > right) continue;
+        if (Square(GapOfBlocks(dx)) + Square(GapOfBlocks(dy)) > end * end) continue;
         const int x = bx + dx;
         const int y = by + dy;
         const int tx = x >> 2;
