@@ -200,6 +200,29 @@ TEST(DistanceFieldTest, HoldsItsBoundBetweenSpecksThatNoVertexIsNearestTo) {
   EXPECT_GT(worst, 0.2) << "this says nothing";
 }
 
+// In the middle of four posts, whose ends come to every place in a square.
+TEST(DistanceFieldTest, HoldsItsBoundBetweenPostsOnAllSides) {
+  double worst = 0;
+  for (int value = 400; value <= 2560; value += 15) {
+    for (const int reach : {1, 2, 3, 6}) {
+      World world(1);
+      world.Fill(-20, -20, 40, 40, kFree);
+      for (const int i : {-reach, reach + 1}) {
+        for (const int j : {-reach, reach + 1}) world.Put(i, j, value);
+      }
+      const auto map = world.Snapshot();
+      // Some are so low that they are occupied at a low level only.
+      const DistanceFieldOptions options{.occupied_log_odds = -3};
+      const Eigen::Vector2d middle_m = kKnot_m * Eigen::Vector2d(0.5, 0.5);
+      const double error = FieldOf(map, options).At(middle_m).distance_m -
+                           ExactSearch(map, options).At(middle_m).distance_m;
+      worst = std::max(worst, std::abs(error) / kKnot_m);
+    }
+  }
+  EXPECT_LE(worst, DistanceField::kErrorBound);
+  EXPECT_GT(worst, 0.4) << "this says nothing";
+}
+
 TEST(DistanceFieldTest, IsMuchCloserBesideAWall) {
   World world(1);
   world.Fill(-60, -60, 120, 120, kFree);
@@ -259,8 +282,9 @@ TEST(DistanceFieldTest, IsThatOfTheMapWhateverWasSeenBefore) {
       }
       snapshots.push_back(world.Snapshot());
       // Now and then one of long ago, or the last once more.
-      const size_t back = commit % 6 == 4 ? snapshots.size() / 2 : commit % 6 == 5 ? 2 : 1;
-      const auto& map = snapshots[snapshots.size() - back];
+      const auto& map = commit % 6 == 4   ? snapshots[commit / 4]
+                        : commit % 6 == 5 ? snapshots[commit]
+                                          : snapshots[commit + 1];
       const DistanceField field = editor.Update(map);
       const DistanceField anew = FieldOf(map, options);
       ASSERT_TRUE(IsTheSame(field, anew, Reach(options))) << "commit " << commit;
@@ -275,6 +299,43 @@ TEST(DistanceFieldTest, IsThatOfTheMapWhateverWasSeenBefore) {
     }
   }
   EXPECT_GT(num_changed, 500);
+}
+
+// The end of a wall moves over the rim between two tiles, without a change in the other.
+TEST(DistanceFieldTest, IsThatOfTheMapWhereObstaclesEndAtTheRimOfATile) {
+  for (const bool along_x : {false, true}) {
+    for (const bool is_lower : {false, true}) {
+      World world(1);
+      DistanceFieldEditor editor({});
+      for (int value = -2560; value <= 2560; value += 32) {
+        world.NextCommit();
+        for (int n = 20; n < 45; ++n) {
+          for (int m = 5; m < 25; ++m) {
+            const bool is_wall = (n < 32) == is_lower && m > 10 && m < 20;
+            const bool is_end = n == (is_lower ? 32 : 31) && m > 10 && m < 20;
+            const int put = is_end ? (value == 0 ? 1 : value) : is_wall ? 2560 : kFree;
+            along_x ? world.Put(n, m, put) : world.Put(m, n, put);
+          }
+        }
+        const auto map = world.Snapshot();
+        ASSERT_TRUE(IsTheSame(editor.Update(map), FieldOf(map, {}), Reach({})));
+      }
+    }
+  }
+}
+
+TEST(DistanceFieldTest, WhatIsBesideTheMapIsUnknownToItsLastPoint) {
+  World world(1);
+  world.Fill(0, 0, 32, 32, kFree);  // one tile, which is known to half a knot interval around it
+  const auto map = world.Snapshot();
+  const DistanceFieldOptions options{.unknown = Unknown::kStops};
+  const DistanceField field = FieldOf(map, options);
+  ExactSearch exact(map, options);
+  for (int n = 0; n < 3000; ++n) {
+    const Eigen::Vector2d point_m =
+        Eigen::Vector2d(0.8, 0.8) + world.Point(1) + 0.1 * world.Point(1);
+    EXPECT_NEAR(field.At(point_m).distance_m, exact.At(point_m).distance_m, kBound_m);
+  }
 }
 
 TEST(DistanceFieldTest, EarlierFieldsStayAsTheyWere) {
@@ -392,14 +453,17 @@ TEST(DistanceFieldTest, AMapOfAnotherKnotIntervalIsAnsweredFromTheFirstUpdateOn)
   const auto map = world.Snapshot();
   DistanceFieldEditor editor({});
   editor.Update(map);
-  auto coarser = std::make_shared<MapSnapshot>(*map);
-  coarser->options.knot_interval_m = 0.1;
-  const DistanceField field = editor.Update(coarser);
-  const LocalMap exact(coarser);
-  for (int n = 0; n < 100; ++n) {
-    const Eigen::Vector2d point_m = world.Point(3);
-    const double expected_m = exact.Ask(DistancesQuery{{point_m}})->distances[0].distance_m;
-    EXPECT_NEAR(field.At(point_m).distance_m, expected_m, DistanceField::kErrorBound * 0.1);
+  for (const double knot_interval_m : {0.1, 0.02}) {
+    auto other = std::make_shared<MapSnapshot>(*map);
+    other->options.knot_interval_m = knot_interval_m;
+    const DistanceField field = editor.Update(other);
+    const LocalMap exact(other);
+    for (int n = 0; n < 200; ++n) {
+      const Eigen::Vector2d point_m = world.Point(90 * knot_interval_m);
+      const double expected_m = exact.Ask(DistancesQuery{{point_m}})->distances[0].distance_m;
+      EXPECT_NEAR(field.At(point_m).distance_m, expected_m,
+                  DistanceField::kErrorBound * knot_interval_m);
+    }
   }
 }
 
