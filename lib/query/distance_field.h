@@ -19,10 +19,11 @@
 namespace splinemap {
 
 struct DistanceFieldOptions {
-  // Up to kMaxReach knot intervals; beyond that it is as that. An update costs up to its square.
+  // 0 to kMaxReach knot intervals; more is as that. Where nothing is near, updates and tiles go as
+  // its square.
   double max_distance_m = 2;
-  double occupied_log_odds = kEvenLogOdds;
-  Unknown unknown = Unknown::kPasses;  // kStops: what is not known is an obstacle
+  double occupied_log_odds = kEvenLogOdds;  // finite
+  Unknown unknown = Unknown::kPasses;       // kStops: what is not known is an obstacle
 
   static constexpr double kMaxReach = 2000;
 };
@@ -47,25 +48,27 @@ struct DistanceTile {
   bool operator==(const DistanceTile&) const = default;
 };
 
-// How far the nearest obstacle is from any point, for those who ask often: some 50 ns, where a
-// DistancesQuery searches for some 10 us. Made by a DistanceFieldEditor. Immutable, thread-safe.
+// How far the nearest obstacle is from any point of the map frame, for those who ask often: some
+// 80 ns, where a DistancesQuery searches for some 10 us. Who must not touch anything asks for a
+// sweep, or takes the error off. Made by a DistanceFieldEditor. Immutable, thread-safe.
 class DistanceField {
  public:
-  // In knot intervals: a distance differs by no more than this from what the search says, that is
-  // from DistancesQuery::Distance, and where unknown stops from a search that stops there.
+  // In knot intervals: a distance differs by no more than this from what the search says, which is
+  // a DistancesQuery::Distance, and where unknown stops that to what is occupied or unknown.
   //
-  // Why: the obstacles are the squares of ObstacleSquares, and the search finds a part of one,
-  // which is no farther than half of a diagonal, sqrt(2) / 8, from its centre. Of the centres the
-  // nearest to the point is at most as far as the nearest of those that are nearest to the four
-  // vertices around it, and at least so far that its square is the mean of their squares less the
-  // mean square of their own distances, by the weights of bilinear interpolation: squares of
-  // distances less |p|^2 are concave. What is said is the middle between these; the two are no more
-  // than 5/8 apart, or the search itself answers.
+  // Why: the obstacles are the squares of ObstacleSquares. The search finds a part of one, which is
+  // sqrt(2) / 8 at most from its centre, so it says the distance of the nearest centre to that. Of
+  // centres that are nearest to the four vertices around the point, the nearest to the point is at
+  // least as far. And the squared distance of the nearest centre less |p|^2 is concave in p, as the
+  // least of linear functions; so it is at least its bilinear interpolation from the vertices. What
+  // is said is the middle between these two; they are no more than 5/8 apart, or the search itself
+  // answers: 5/16 + sqrt(2) / 8 < 1/2.
   static constexpr double kErrorBound = 0.5;
 
-  // Distance in metres and its gradient: the direction from the nearest obstacle that is known of,
-  // of length 1; 0 where nothing is near and where the search says so. Of points that are not
-  // finite or off the map (kMaxKnotIndex): as of any that is not known.
+  // Distance in metres, at most max_distance_m, and its gradient: of length 1, away from an
+  // obstacle that is within kErrorBound of where it points back to; 0 where nothing is near, and
+  // where the search says so. Of points that are not finite or off the map (kMaxKnotIndex) the same
+  // as of others that are not known and have nothing near.
   DistancesQuery::Distance At(const Eigen::Vector2d& point_m) const;
 
   const KeyTree<DistanceTile>& tiles() const { return tiles_; }
@@ -89,8 +92,9 @@ class DistanceFieldEditor {
   explicit DistanceFieldEditor(DistanceFieldOptions options) : options_(options) {}
 
   // The field of this map, the same to the last byte whatever was seen before. Costs what changed
-  // since the last call, where that was an earlier snapshot of the same Map: a look at the tiles
-  // that changed, and where squares did, blocks of 8 x 8 vertices that are not nearer to others.
+  // since the last call, where that was about an earlier snapshot of the same Map: cells whose
+  // control points changed are looked at, and where their squares did, blocks of 8 x 8 vertices are
+  // made anew that had nothing nearer.
   DistanceField Update(std::shared_ptr<const MapSnapshot> map);
 
  private:
