@@ -164,7 +164,7 @@ TEST(DistanceFieldTest, DistancesAreThoseOfBruteForce) {
     const auto map = world.Snapshot();
     const DistanceFieldOptions options{.unknown = unknown};
     const DistanceField field = FieldOf(map, options);
-    constexpr double kStep_m = kKnot_m / 8;
+    constexpr double kStep_m = kKnot_m / 4;
     std::vector<Eigen::Vector2d> obstacles_m;
     for (double y_m = -3; y_m < 3; y_m += kStep_m) {
       for (double x_m = -3; x_m < 3; x_m += kStep_m) {
@@ -174,7 +174,7 @@ TEST(DistanceFieldTest, DistancesAreThoseOfBruteForce) {
         }
       }
     }
-    for (int n = 0; n < 300; ++n) {
+    for (int n = 0; n < 60; ++n) {
       const Eigen::Vector2d point_m = world.Point(2);
       double least_m = options.max_distance_m;
       for (const Eigen::Vector2d& at_m : obstacles_m) {
