@@ -368,6 +368,7 @@ TEST(FleetTest, WhoHasMoreThanTheOneThatStandsInTakesOver) {
   fleet.StartAll();
   fleet.robot(0).Commit();
   ASSERT_TRUE(fleet.RunUntilEqual(20));
+  fleet.robot(1).Save();
   fleet.robot(1).Stop();
   fleet.robot(0).Commit();  // which robot 1 does not hear of
   ASSERT_TRUE(fleet.RunUntilEqual(20));
@@ -379,6 +380,7 @@ TEST(FleetTest, WhoHasMoreThanTheOneThatStandsInTakesOver) {
   fleet.RestartClient(0);
   ASSERT_TRUE(fleet.RunUntilEqual(20));
   EXPECT_NE(fleet.AnyContent(), content);
+  EXPECT_EQ(fleet.AnyContent().layers.size(), 1u);
   fleet.Start(2);
   fleet.Run(milliseconds(5000));
   ASSERT_TRUE(fleet.RunUntilEqual(20));
