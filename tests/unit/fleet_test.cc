@@ -363,8 +363,10 @@ TEST(FleetTest, OneStandsInForASilentOwnerAndNobodyForOneThatSpeaks) {
   EXPECT_LE(std::abs(fleet.stand_in_digests() - before - 20), 2);
 }
 
-TEST(FleetTest, WhoHasMoreThanTheOneThatStandsInTakesOver) {
-  Fleet fleet({}, 3, 1, 7);
+class TakingOver : public testing::TestWithParam<int> {};
+
+TEST_P(TakingOver, IsForWhoHasMoreThanTheOneThatStandsIn) {
+  Fleet fleet({}, 3, 1, GetParam());
   fleet.StartAll();
   fleet.robot(0).Commit();
   ASSERT_TRUE(fleet.RunUntilEqual(20));
@@ -390,6 +392,8 @@ TEST(FleetTest, WhoHasMoreThanTheOneThatStandsInTakesOver) {
   fleet.Run(milliseconds(20'000));
   EXPECT_LE(std::abs(fleet.stand_in_digests() - before - 20), 2);
 }
+
+INSTANTIATE_TEST_SUITE_P(Seeds, TakingOver, testing::Range(1, 9));
 
 TEST(FleetTest, AStandInIsNotBelievedWhileTheOwnerSpeaks) {
   LayerFollower follower({"robot", 1}, 1);
