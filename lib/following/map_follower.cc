@@ -205,6 +205,7 @@ void MapFollower::TakeStandInDigest(const stand_in_digest_t& stand_in, Clock::ti
   copy->TakeStandInDigest(stand_in, now);
   Followed* followed = Find(stand_in.digest.layer);
   if (followed->stand_in) followed->stand_in->TakeDigest(stand_in, now);
+  ForgetReplaced(FromMessage(stand_in.digest.layer).id, now);
 }
 
 void MapFollower::TakePull(const layer_pull_t& pull, Clock::time_point now) {
