@@ -192,17 +192,36 @@ absl::StatusOr<DistancesQuery::Answer> MapClient::Ask(const DistancesQuery& quer
 }
 
 absl::Status MapClient::Save(std::chrono::milliseconds deadline) {
-  return Command("save", deadline);
+  return CommandMap("save", deadline);
 }
 absl::Status MapClient::Clear(std::chrono::milliseconds deadline) {
-  return Command("clear", deadline);
+  return CommandMap("clear", deadline);
 }
 
-absl::Status MapClient::Command(const std::string& command, std::chrono::milliseconds deadline) {
+absl::Status MapClient::CommandMap(const std::string& command, std::chrono::milliseconds deadline) {
+  command_request_t request;
+  request.command = command;
+  request.incarnation = static_cast<int64_t>(daemon().incarnation);
+  return Command(std::move(request), deadline);
+}
+
+absl::Status MapClient::Decide(const LayerDecision& decision, std::chrono::milliseconds deadline) {
+  layer_command_request_t request;
+  request.command = decision.command;
+  request.name = decision.layer.name;
+  request.origin = static_cast<int64_t>(decision.layer.origin);
+  request.incarnation = static_cast<int64_t>(decision.incarnation);
+  request.shift_i = decision.shift.i;
+  request.shift_j = decision.shift.j;
+  return Command(std::move(request), deadline);
+}
+
+template <typename Request>
+absl::Status MapClient::Command(Request request, std::chrono::milliseconds deadline) {
   std::promise<absl::Status> promise;
   std::future<absl::Status> status = promise.get_future();
-  Add(std::make_unique<PendingCommand>(command, daemon().incarnation,
-                                       [&promise](absl::Status s) { promise.set_value(s); }),
+  Add(std::make_unique<PendingCommand<Request>>(
+          std::move(request), [&promise](absl::Status s) { promise.set_value(s); }),
       deadline);
   return status.get();
 }

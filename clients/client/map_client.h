@@ -12,6 +12,7 @@
 #include "absl/status/statusor.h"
 #include "clients/client/request_flow.h"
 #include "lib/base/mutex.h"
+#include "lib/map/layer_control.h"
 #include "lib/query/queryable_map.h"
 #include "lib/wire/lcm_bus.h"
 
@@ -22,6 +23,14 @@ struct ClientOptions {
   std::string robot;  // empty: the first that answers
   // Of Connect() and Ask().
   std::chrono::milliseconds deadline{2000};
+};
+
+// Something about a layer for all daemons and clients.
+struct LayerDecision {
+  std::string command;  // "mute", "unmute", "yield", "insist", "shift", "remove"
+  LayerId layer;
+  uint64_t incarnation = 0;  // which is to be removed
+  KnotShift shift = {};      // which is to be from now on
 };
 
 // The map of a daemon, asked over LCM. What gets lost is asked again until the deadline, and where
@@ -65,6 +74,12 @@ class MapClient : public QueryableMap {
   absl::Status Save(std::chrono::milliseconds deadline = std::chrono::seconds(30));
   absl::Status Clear(std::chrono::milliseconds deadline = std::chrono::seconds(30));
 
+  // Has the daemon decide about a layer that it has, for all who hear of it. Done at most once;
+  // NotFound for a layer that it does not have, FailedPrecondition for the removal of one that is
+  // in another start than `incarnation`; else as above.
+  absl::Status Decide(const LayerDecision& decision,
+                      std::chrono::milliseconds deadline = std::chrono::seconds(30));
+
   // As of its last reply.
   DaemonIdentity daemon() const;
 
@@ -77,7 +92,9 @@ class MapClient : public QueryableMap {
   void Deliver();
   template <typename Query>
   absl::StatusOr<typename Query::Answer> AskAndWait(const Query& query) const;
-  absl::Status Command(const std::string& command, std::chrono::milliseconds deadline);
+  absl::Status CommandMap(const std::string& command, std::chrono::milliseconds deadline);
+  template <typename Request>
+  absl::Status Command(Request request, std::chrono::milliseconds deadline);
 
   const std::unique_ptr<LcmBus> bus_;
   const std::chrono::milliseconds deadline_;

@@ -55,25 +55,25 @@ class PendingQuery : public PendingRequest {
   Answer answer_;
 };
 
+// `Request` is a command_request_t or layer_command_request_t, its head left out.
+template <typename Request>
 class PendingCommand : public PendingRequest {
  public:
   using Done = std::function<void(absl::Status)>;
 
-  PendingCommand(std::string command, uint64_t incarnation, Done done)
-      : command_(std::move(command)), incarnation_(incarnation), done_(std::move(done)) {}
+  PendingCommand(Request request, Done done)
+      : request_(std::move(request)), done_(std::move(done)) {}
 
   std::string Channel(const std::string& channel_prefix) const override {
     return channel_prefix + kCommandChannel;
   }
   size_t num_pieces() const override { return 1; }
   bool is_command() const override { return true; }
-  std::string Describe() const override { return "command " + command_; }
+  std::string Describe() const override { return "command " + request_.command; }
 
   std::vector<uint8_t> Encode(size_t, const request_t& head) const override {
-    command_request_t request;
+    Request request = request_;
     request.head = head;
-    request.command = command_;
-    request.incarnation = static_cast<int64_t>(incarnation_);
     return splinemap::Encode(request);
   }
 
@@ -85,8 +85,7 @@ class PendingCommand : public PendingRequest {
   void Finish(const absl::Status& status) override { done_(status); }
 
  private:
-  const std::string command_;
-  const uint64_t incarnation_;
+  const Request request_;
   const Done done_;
 };
 

@@ -94,7 +94,7 @@ void AddBuild(CLI::App& app, Command& chosen) {
   CLI::App* command = app.add_subcommand("build", "Make a map from an LCM log");
   command->footer(kExamples);
   command->add_option("LOG", flags->log, "LCM log, plain or gzip")->required();
-  command->add_option("--out", flags->out, "Map file to write")->required()->type_name("MAP");
+  command->add_option("-o,--out", flags->out, "Map file to write")->required()->type_name("MAP");
   command->add_flag("--force", flags->force, "Replace the map file if it exists");
   AddInputFlags(*command, flags->input);
   command->callback([flags, &chosen] { chosen = [flags] { return Build(*flags); }; });

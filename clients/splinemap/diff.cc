@@ -4,6 +4,7 @@
 #include <set>
 
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/layer_lines.h"
 #include "lib/base/status.h"
 #include "lib/store/map_file.h"
 
@@ -55,6 +56,24 @@ const LayerSnapshot* Counterpart(const LayerId& id, const std::vector<LayerSnaps
   return of_that_name;
 }
 
+// What was decided about a layer, as far as it matters for the sum.
+std::string Decided(const LayerControl& control) {
+  LayerControl of_the_sum = control;
+  of_the_sum.removed_up_to = 0;
+  const std::string text = TextOf(of_the_sum, std::nullopt);
+  return text.empty() ? "summed as it is" : text;
+}
+
+// Layers of which only one of the maps knows that they were removed: the maps are equal, and what
+// will be merged with them need not be.
+void TellRemovals(const MapSnapshot& map, const MapSnapshot& other, const std::string& path) {
+  for (const auto& [id, control] : map.controls.records()) {
+    if (control.removed_up_to <= other.controls.Of(id).removed_up_to) continue;
+    fmt::print("layer {}: removed up to start {}, only in {}\n", NameOf(id), control.removed_up_to,
+               path);
+  }
+}
+
 absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded_a, ReadMapFile(path_a));
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded_b, ReadMapFile(path_b));
@@ -82,6 +101,13 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
       continue;
     }
     taken.insert(other);
+    const std::string decided_a = Decided(a.controls.Of(layer.id));
+    const std::string decided_b = Decided(b.controls.Of(other->id));
+    if (decided_a != decided_b) {
+      fmt::print("layer {}: {} in {}, {} in {}\n", layer.id.name, decided_a, path_a, decided_b,
+                 path_b);
+      equal = false;
+    }
     const Difference difference = Compare(layer.tiles, other->tiles);
     if (difference.tiles == 0) continue;
     std::printf("layer %s: %ld tiles differ, in %ld control points\n", layer.id.name.c_str(),
@@ -93,9 +119,16 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
     std::printf("layer %s: only in %s\n", layer.id.name.c_str(), path_b.c_str());
     equal = false;
   }
+  if (const Difference difference = Compare(a.merged, b.merged); difference.tiles > 0) {
+    fmt::print("the sum of all layers: {} tiles differ, in {} control points\n", difference.tiles,
+               difference.control_points);
+    equal = false;
+  }
   if (equal) {
     std::printf("equal (layers: %zu, tiles: %zu)\n", a.layers.size(), a.merged.size());
   }
+  TellRemovals(a, b, path_a);
+  TellRemovals(b, a, path_b);
   return equal ? kSuccess : kFailed;
 }
 
@@ -103,7 +136,8 @@ constexpr const char* kExamples = R"(
 Example:
   splinemap diff live.splinemap offline.splinemap && echo the same map
 
-Compares content: layers by name, then control points. Ignores incarnations, nonces and times.
+Compares content: layers by name, control points, and which layers are muted or shifted. Ignores
+incarnations, nonces and times; says which layers only one of the maps knows to be removed.
 Exit status: 0 equal, 1 different or failed, 2 usage.)";
 
 }  // namespace

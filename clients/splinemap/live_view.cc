@@ -92,10 +92,8 @@ std::string LiveView::LayerLines(double passed_s) {
                     layer.revision, Staleness(layer.staleness_ms), layer.counts.asked_tiles,
                     layer.counts.unusable, layer.in_sync ? "in sync" : "not in sync");
   }
-  for (const std::string& name : replica_.Refused()) {
-    text +=
-        fmt::format("{} is not followed: another knot interval, other clamps or another version\n",
-                    absl::Utf8SafeCHexEscape(name));
+  for (const std::string& refused : replica_.Refused()) {
+    text += fmt::format("not followed: {}\n", absl::Utf8SafeCHexEscape(refused));
   }
   const int64_t bytes = replica_.BytesReceived();
   text += fmt::format("{:.1f} kB/s received, {:.1f} MB in all\n",

@@ -14,6 +14,7 @@ Examples:
   splinemap build office.lcmlog --out office.splinemap
   splinemap render office.splinemap office.png --px-per-knot 2
   splinemap query office.splinemap 3.0 6.5
+  splinemap merge robot-1.splinemap robot-2.splinemap -o both.splinemap
 
 splinemap COMMAND --help explains a command. Exit status: 0 done, 1 failed, 2 usage.)";
 
@@ -33,6 +34,11 @@ int Main(int argc, char** argv) {
   AddRaster(app, chosen);
   AddExport(app, chosen);
   AddDiff(app, chosen);
+  AddLayers(app, chosen);
+  AddControl(app, chosen);
+  AddMerge(app, chosen);
+  AddRemove(app, chosen);
+  AddFlatten(app, chosen);
   AddDoctor(app, chosen);
   AddWatch(app, chosen);
   AddSnapshot(app, chosen);

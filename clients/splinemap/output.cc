@@ -30,6 +30,36 @@ absl::Status CheckOutput(const std::string& path, bool force) {
   return absl::OkStatus();
 }
 
+void AddMapOutputFlags(CLI::App& command, MapOutput& output) {
+  command.add_option("-o,--out", output.out, "Map file to write")->required()->type_name("MAP");
+  command.add_flag("--force", output.force, "Replace the map file if it exists");
+  command.add_flag("--damaged", output.accepts_damaged,
+                   "Take what is left of damaged files; exit status 1 all the same");
+}
+
+absl::Status CheckOutputOf(const std::vector<std::string>& inputs, const MapOutput& output) {
+  for (const std::string& input : inputs) {
+    std::error_code none_there;
+    if (std::filesystem::equivalent(input, output.out, none_there)) {
+      return InvalidArgument("{} is read and cannot be written; give another file", output.out);
+    }
+  }
+  SPLINEMAP_RETURN_IF_ERROR(CheckOutput(output.out, output.force));
+  return MapFile::CheckNotInUse(output.out);
+}
+
+absl::Status CheckInput(const LoadedMap& loaded, const std::string& path, const MapOutput& output) {
+  if (ReportDamages(loaded) == kSuccess || output.accepts_damaged) return absl::OkStatus();
+  return DataLoss("{} is damaged, so that nothing is written; --damaged takes what is left of it",
+                  path);
+}
+
+absl::StatusOr<LoadedMap> ReadInput(const std::string& path, const MapOutput& output) {
+  SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadMapFile(path));
+  SPLINEMAP_RETURN_IF_ERROR(CheckInput(loaded, path, output));
+  return loaded;
+}
+
 absl::Status SaveAs(const MapSnapshot& map, const std::string& out) {
   const std::string part = TemporaryPathFor(out);
   const absl::Cleanup remove_part = [&] {

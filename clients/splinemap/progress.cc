@@ -11,8 +11,11 @@ namespace splinemap {
 ProgressBar::ProgressBar(std::string label)
     : label_(std::move(label)), is_terminal_(isatty(STDERR_FILENO) == 1) {}
 
-ProgressBar::~ProgressBar() {
+ProgressBar::~ProgressBar() { Hide(); }
+
+void ProgressBar::Hide() {
   if (shown_percent_ >= 0) std::fputs("\r\x1b[K", stderr);
+  shown_percent_ = -1;
 }
 
 void ProgressBar::Show(double share) {

@@ -14,6 +14,8 @@ class ProgressBar {
 
   // `share` done, 0 .. 1; draws only when it looks different.
   void Show(double share);
+  // Until the next Show(), for other lines.
+  void Hide();
 
  private:
   std::string label_;

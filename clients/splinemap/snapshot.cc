@@ -40,9 +40,10 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
       return l.in_sync && l.is_equal;
     });
     const bool all_heard = std::all_of(
-        flags.follow.names.begin(), flags.follow.names.end(), [&](const std::string& name) {
-          return std::any_of(layers.begin(), layers.end(),
-                             [&](const FollowedLayer& l) { return l.id.name == name; });
+        flags.follow.names.begin(), flags.follow.names.end(), [&](const std::string& pattern) {
+          return std::any_of(layers.begin(), layers.end(), [&](const FollowedLayer& l) {
+            return MatchesName(pattern, l.id.name);
+          });
         });
     if (!layers.empty() && all_in_sync && all_heard &&
         Clock::now() - begin > std::min(kHearAll, timeout / 2)) {
@@ -50,8 +51,8 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
     }
   }
   std::string missing;
-  for (const std::string& name : replica.Refused()) {
-    missing += fmt::format("; {} is not followed: another version", absl::Utf8SafeCHexEscape(name));
+  for (const std::string& refused : replica.Refused()) {
+    missing += fmt::format("; not followed: {}", absl::Utf8SafeCHexEscape(refused));
   }
   for (const FollowedLayer& layer : replica.Layers()) {
     if (!layer.in_sync || !layer.is_equal)
@@ -60,7 +61,7 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
   for (const std::string& name : flags.follow.names) {
     const auto layers = replica.Layers();
     if (!layers.empty() && std::none_of(layers.begin(), layers.end(), [&](const FollowedLayer& l) {
-          return l.id.name == name;
+          return MatchesName(name, l.id.name);
         })) {
       missing += fmt::format("; {} is not heard", absl::Utf8SafeCHexEscape(name));
     }
@@ -77,9 +78,8 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
 absl::StatusOr<int> Save(const MapSnapshot& map, const std::vector<std::string>& refused,
                          const Flags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(map, flags.out));
-  for (const std::string& name : refused) {
-    fmt::print(stderr, "{} is left out: another knot interval, other clamps or another version\n",
-               absl::Utf8SafeCHexEscape(name));
+  for (const std::string& name_and_why : refused) {
+    fmt::print(stderr, "left out: {}\n", absl::Utf8SafeCHexEscape(name_and_why));
   }
   for (const LayerSnapshot& layer : map.layers) {
     fmt::print(stderr, "{}: {} tiles, commit {}\n", absl::Utf8SafeCHexEscape(layer.id.name),
@@ -167,7 +167,7 @@ void AddSnapshot(CLI::App& app, Command& chosen) {
       ->type_name("URL");
   command->add_option("--prefix", flags->follow.channel_prefix, "channel_prefix of the daemons");
   command
-      ->add_option("--robot", flags->follow.names, "Only the layers of this robot; may be repeated")
+      ->add_option("--robot", flags->follow.names, "Only the layers of this robot, * and ? allowed; may be repeated")
       ->type_name("NAME");
   command
       ->add_option("--region", flags->region, "Only tiles about this part of the map frame, in m")

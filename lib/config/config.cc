@@ -139,12 +139,7 @@ absl::Status CheckConfig(const config::Config& config) {
         "channel_prefix or pose is too long; LCM's channels have {} bytes at most",
         kMaxChannelLength);
   }
-  const std::string name = RobotName(config);
-  if (name.size() > 64 || !std::all_of(name.begin(), name.end(), IsNameCharacter)) {
-    return InvalidArgument(
-        "name {} is not made of up to 64 letters, digits and . _ -; give another with --name",
-        name);
-  }
+  SPLINEMAP_RETURN_IF_ERROR(CheckRobotName(RobotName(config)));
   std::set<std::string> channels{config.pose()};
   for (const config::Scan& scan : config.scan()) {
     if (!channels.insert(scan.channel()).second) {
@@ -253,6 +248,15 @@ ScanQueueOptions ScanQueueOptionsOf(const config::Timing& timing) {
   options.pose_history = 2 * (options.max_pose_wait + options.max_pose_gap) +
                          options.max_order_wait + 2 * kMaxBeamTimeOffset + std::chrono::seconds(10);
   return options;
+}
+
+absl::Status CheckRobotName(const std::string& name) {
+  if (!name.empty() && name.size() <= 64 &&
+      std::all_of(name.begin(), name.end(), IsNameCharacter)) {
+    return absl::OkStatus();
+  }
+  return InvalidArgument(
+      "name {} is not made of up to 64 letters, digits and . _ -; give another with --name", name);
 }
 
 std::string RobotName(const config::Config& config) {

@@ -45,4 +45,7 @@ ScanQueueOptions ScanQueueOptionsOf(const config::Timing& timing);
 std::string RobotName(const config::Config& config);
 std::string MapPath(const config::Config& config);
 
+// Whether robots and their layers may be called that.
+absl::Status CheckRobotName(const std::string& name);
+
 }  // namespace splinemap

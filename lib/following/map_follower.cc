@@ -40,6 +40,10 @@ std::string Differences(const MapOptions& theirs, const MapOptions& ours) {
 
 }  // namespace
 
+bool MatchesName(const std::string& pattern, const std::string& name) {
+  return fnmatch(pattern.c_str(), name.c_str(), 0) == 0;
+}
+
 MapFollower::MapFollower(FollowOptions options, uint64_t seed)
     : options_(std::move(options)), nonce_(seed), seed_(seed), gossip_({}, seed) {}
 
@@ -151,7 +155,7 @@ bool MapFollower::IsWanted(const LayerLife& life, int32_t protocol_version) {
     return false;
   }
   const auto matches = [&](const std::string& pattern) {
-    return fnmatch(pattern.c_str(), life.id.name.c_str(), 0) == 0;
+    return MatchesName(pattern, life.id.name);
   };
   const std::vector<std::string>& names = options_.names;
   if (!names.empty() && std::none_of(names.begin(), names.end(), matches)) return false;
@@ -201,6 +205,7 @@ void MapFollower::TakeStandInDigest(const stand_in_digest_t& stand_in, Clock::ti
   copy->TakeStandInDigest(stand_in, now);
   Followed* followed = Find(stand_in.digest.layer);
   if (followed->stand_in) followed->stand_in->TakeDigest(stand_in, now);
+  ForgetReplaced(FromMessage(stand_in.digest.layer).id, now);
 }
 
 void MapFollower::TakePull(const layer_pull_t& pull, Clock::time_point now) {

@@ -34,6 +34,9 @@ struct FollowOptions {
   size_t max_tiles = size_t{1} << 20;
 };
 
+// Whether one of FollowOptions::names wants this robot.
+bool MatchesName(const std::string& pattern, const std::string& name);
+
 // What makes a follower one that keeps the map for others, as daemons do.
 struct Keeper {
   MapOptions map_options;
@@ -119,7 +122,6 @@ class MapFollower {
   };
 
   bool IsWanted(const LayerLife& life, int32_t protocol_version);
-  std::optional<MapOptions> OptionsOf(const layer_digest_t& digest);
   LayerFollower* FindOrAdd(const layer_digest_t& digest);
   void TakeDigest(const layer_digest_t& digest, Clock::time_point now);
   void TakeStandInDigest(const stand_in_digest_t& stand_in, Clock::time_point now);

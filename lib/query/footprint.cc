@@ -54,7 +54,7 @@ DistancesQuery::Distance FindDistance(ObstacleSearch& search, const Eigen::Vecto
   const double max = max_distance_m / knot_interval_m;
   for (double reach = std::min(kFirstReach, max);; reach = std::min(2 * reach, max)) {
     const ObstacleSearch::Found found = search.Nearest({point, reach});
-    if (found.occupancy == Occupancy::kOccupied) {
+    if (found.occupancy != Occupancy::kFree) {
       const Eigen::Vector2d away = point - found.square.NearestTo(point);
       if (away.isZero(0)) return {};
       return {found.rank * knot_interval_m, away.normalized()};

@@ -9,7 +9,7 @@ namespace splinemap {
 
 SweepsQuery::Result CheckSweep(ObstacleSearch& search, const Sweep& sweep, double knot_interval_m);
 
-// Requires a search that unknown passes.
+// To the nearest point that is occupied, or unknown where that stops the search.
 DistancesQuery::Distance FindDistance(ObstacleSearch& search, const Eigen::Vector2d& point_m,
                                       double max_distance_m, double knot_interval_m);
 

@@ -182,12 +182,12 @@ absl::Status Daemon::DecideAboutLayer(const layer_command_request_t& request) {
                            request.shift_j, KnotShift::kMax);
   }
   keeper_->Decide(id, control);
-  if (keeper_->Controls().Of(id) != control) {
+  if (!keeper_->Controls().records().contains(id)) {
     return absl::ResourceExhaustedError(
         fmt::format("{} layers have decisions already, which is the most", LayerControls::kMax));
   }
   Report({.is_problem = false,
-          .subject = "layers",
+          .subject = fmt::format("layers {} {}", command, id.name),
           .text = fmt::format("a client decided: {} layer {}", command, id.name)});
   SPLINEMAP_RETURN_IF_ERROR(DoWhereMapped([this] { return ObeyRemoval(); }));
   return Save();

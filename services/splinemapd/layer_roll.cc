@@ -47,12 +47,15 @@ std::vector<layer_status_t> LayerRoll::Call(const MapSnapshot& map,
     status.revision = static_cast<int64_t>(layer.revision);
     status.num_tiles = static_cast<int64_t>(tally.hashes.num_tiles());
     status.hash = static_cast<int64_t>(tally.hashes.hash());
-    const double side_m = Tile::kSide * map.options.knot_interval_m;
+    const double knot_m = map.options.knot_interval_m;
+    const double side_m = Tile::kSide * knot_m;
     status.area_m2 = static_cast<double>(status.num_tiles) * side_m * side_m;
-    status.x0_m = tally.box.tx0 * side_m;
-    status.y0_m = tally.box.ty0 * side_m;
-    status.x1_m = tally.box.tx1 * side_m;
-    status.y1_m = tally.box.ty1 * side_m;
+    if (status.num_tiles > 0) {
+      status.x0_m = tally.box.tx0 * side_m + status.shift_i * knot_m;
+      status.y0_m = tally.box.ty0 * side_m + status.shift_j * knot_m;
+      status.x1_m = tally.box.tx1 * side_m + status.shift_i * knot_m;
+      status.y1_m = tally.box.ty1 * side_m + status.shift_j * knot_m;
+    }
     present.insert(tallies_.extract(layer.id));
   }
   tallies_ = std::move(present);

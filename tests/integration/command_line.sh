@@ -185,7 +185,7 @@ expect 2 splinemap frobnicate
 expect 2 splinemap render
 expect 0 splinemap --help
 expect 0 splinemap --version
-for command in build info render query ray check distance raster export diff doctor watch simulate import-carmen; do
+for command in build info render query ray check distance raster export diff layers merge remove flatten doctor watch simulate import-carmen; do
   expect 0 splinemap $command --help
   expect_text "Example" out
 done

@@ -144,6 +144,8 @@ expect_text "cannot write full/x.lcmlog: No space left on device" err
 expect 1 splinemap import-carmen whole.log full/x.lcmlog
 expect 1 splinemap build office.lcmlog --out full/x.splinemap
 expect_text "the disk is full" err
+expect 1 splinemap merge office.splinemap -o full/x.splinemap
+expect_text "the disk is full" err
 expect 1 splinemap render office.splinemap full/x.png
 expect_text "cannot write full/x.png" err
 [[ $(ls full) == ballast ]] || fail "half files: $(ls full)"

@@ -223,6 +223,37 @@ TEST_F(MapClientTest, ACommandForAnotherStartOfTheLayerIsNotDone) {
   EXPECT_TRUE(second->Clear().ok()) << "it knows now";
 }
 
+TEST_F(MapClientTest, DecisionsAboutALayerAreForEverybodyAndOnDisk) {
+  StartDaemon();
+  Connect();
+  auto follower = *MapReplica::Follow("", {});
+  Drive(20);
+  Await([&] { return follower->Snapshot()->Evaluate(3, 0).log_odds > 0; });
+  const LayerId id = ReadMapFile(config_.map())->map->layers[0].id;
+  const double log_odds = LogOdds();
+  ASSERT_TRUE(client_->Decide({"mute", id}).ok());
+  EXPECT_EQ(LogOdds(), 0);
+  Await([&] { return follower->Snapshot()->merged.size() == 0; });
+  EXPECT_TRUE(ReadMapFile(config_.map())->map->controls.Of(id).muted);
+  EXPECT_EQ(ReadMapFile(config_.map())->map->layers[0].revision, 20u) << "and saved with it";
+  ASSERT_TRUE(client_->Decide({"unmute", id}).ok());
+  EXPECT_EQ(LogOdds(), log_odds);
+  ASSERT_TRUE(client_->Decide({"shift", id, 0, {20, 0}}).ok());  // by 1 m
+  EXPECT_EQ(client_->Ask(PointsQuery{{{4, 0}}, false})->samples[0].log_odds, log_odds);
+  Await([&] { return follower->Snapshot()->Evaluate(4, 0).log_odds == log_odds; });
+
+  EXPECT_TRUE(absl::IsInvalidArgument(client_->Decide({"paint", id})));
+  EXPECT_TRUE(absl::IsInvalidArgument(client_->Decide({"shift", id, 0, {KnotShift::kMax + 1, 0}})));
+  EXPECT_TRUE(absl::IsNotFound(client_->Decide({"mute", {id.name, id.origin + 1}})));
+  EXPECT_TRUE(absl::IsFailedPrecondition(client_->Decide({"remove", id, 7})));
+  ASSERT_TRUE(client_->Decide({"remove", id, 1}).ok());
+  EXPECT_EQ(ReadMapFile(config_.map())->map->merged.size(), 0u);
+  Await([&] { return follower->Snapshot()->merged.size() == 0; });
+  Drive(10);
+  Await([&] { return follower->Snapshot()->Evaluate(4, 0).log_odds > 0; });
+  EXPECT_EQ(follower->Layers()[0].epoch.incarnation, LayerControl::kStartsPerGeneration);
+}
+
 TEST_F(MapClientTest, CommandsCanBeSwitchedOff) {
   config_.mutable_service()->set_remote_commands(false);
   StartDaemon();
@@ -230,6 +261,8 @@ TEST_F(MapClientTest, CommandsCanBeSwitchedOff) {
   Drive(20);
   EXPECT_TRUE(absl::IsPermissionDenied(client_->Save()));
   EXPECT_TRUE(absl::IsPermissionDenied(client_->Clear()));
+  const LayerId id = ReadMapFile(config_.map())->map->layers[0].id;
+  EXPECT_TRUE(absl::IsPermissionDenied(client_->Decide({"mute", id})));
   EXPECT_GT(LogOdds(), 0);
 }
 

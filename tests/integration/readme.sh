@@ -12,6 +12,7 @@ wall { x0_m: 5 y0_m: -5 x1_m: 5 y1_m: 9 } waypoint { x_m: 0 } waypoint { x_m: 3 
 EOF
 splinemap simulate short.world drive.lcmlog 2> /dev/null
 splinemap build drive.lcmlog --out other.splinemap 2> /dev/null
+splinemap build drive.lcmlog --out robot-2.splinemap --name robot-2 2> /dev/null
 cp "$top/deploy/config/splinemapd.textproto" .
 printf '1,2\n3,4\n' > path.csv
 [[ ! -d $shared_data ]] || ln -s "$shared_data"/carmen/*.gz "$shared_data"/lcm/*.lcmlog .

@@ -47,6 +47,10 @@ follower=lib/replication/layer_follower.cc
 publisher=lib/replication/layer_publisher.cc
 levels=lib/replication/levels_publisher.cc
 identity=lib/replication/identity_watch.cc
+stand_in=lib/replication/stand_in.cc
+gossip=lib/replication/control_gossip.cc
+following=lib/following/map_follower.cc
+control=lib/map/layer_control.cc
 
 mutate greater_life_replaces "$follower" 'life\.epoch > \*epoch_\) BeginLife' 'false) BeginLife'
 mutate life_begins_empty "$follower" 'tiles_ = TileTreeEditor\(\);\n  index_ = \{\};' ''
@@ -65,7 +69,7 @@ mutate result_has_the_checksum lib/map/tile_update.cc 'TileChecksum\(update\.key
 mutate hash_is_of_the_present_tiles lib/replication/hash_index.cc 'hash_ \+= change' 'hash_ += checksum'
 mutate digest_is_of_what_is_published "$publisher" 'digest\.hash = static_cast<int64_t>\(index_\.hash\(\)\)' 'digest.hash = 1'
 mutate other_version_is_not_followed "$follower" 'digest\.protocol_version != kProtocolVersion' 'false'
-mutate overtaken_digests_are_ignored "$follower" 'digest_ && WasOvertaken\(digest, \*digest_\)' 'false'
+mutate overtaken_digests_are_ignored "$follower" 'owners_digest_ && WasOvertaken\(digest, \*owners_digest_\)' 'false'
 mutate check_covers_all_quarters "$follower" 'for \(const int32_t x : \{-1, 0\}\)' 'for (const int32_t x : {0})'
 mutate what_differs_is_pulled "$follower" 'Want\(child, revision, now\);' ''
 mutate asks_are_repeated "$follower" 'wanted\.due = now \+ kRetry' 'wanted.due = now + 1000000 * kRetry'
@@ -77,6 +81,24 @@ mutate equal_tiles_are_not_sent_again "$follower" 'previous_index_\.HashOf\(chil
 mutate cap_on_pushes "$publisher" '!changes_\.empty\(\) && budget\.MayPush\(\)' '!changes_.empty()'
 mutate cap_on_answers "$publisher" '!pulled_tiles_\.empty\(\) && budget\.MayAnswer\(\)' '!pulled_tiles_.empty()'
 mutate oldest_change_first "$publisher" 'change = changes_\.front\(\);\n    const TileKey key = change\.key;\n    changes_\.pop_front' 'change = changes_.back(); const TileKey key = change.key; changes_.pop_back'
+mutate stand_ins_wait_for_silence "$stand_in" 'copy_\.OwnerIsSilent\(now\) && !copy_' '!copy_'
+mutate owners_are_heard_before_stand_ins "$follower" '!OwnerIsSilent\(now\)\) return;' 'false) return;'
+mutate who_has_more_stands_in "$stand_in" 'if \(OtherLacksSomething\(now\)\) BeginBy\([^;]*;' ''
+mutate one_stand_in_is_enough "$stand_in" 'LeaveItToOthers\(now\);  // one' ';  // one'
+mutate stand_ins_take_over "$stand_in" 'due_ = now \+ LayerFollower' 'due_ = now + 1000 * LayerFollower'
+mutate life_that_was_never_whole_is_given_up "$follower" 'now - last_spoken_for_ > kGiveUpLife' 'false'
+mutate own_layer_is_not_followed "$following" 'keeper_ && life\.id == keeper_->own_layer' 'false'
+mutate removed_lives_are_ignored "$following" 'controls\(\)\.Of\(life\.id\)\.IsRemoved\(life\.epoch\)' 'false'
+mutate removed_copies_are_dropped "$following" 'const bool is_removed = [^;]*;' 'const bool is_removed = false;'
+mutate removals_are_not_undone "$control" 'std::max\(a\.removed_up_to, b\.removed_up_to\)' 'merged.removed_up_to'
+mutate removal_takes_later_starts "$control" 'incarnation \| \(LayerControl::kStartsPerGeneration - 1\)' 'incarnation'
+mutate last_writer_wins "$control" 'rank\(a\) < rank\(b\) \? b : a' 'a'
+mutate other_decisions_are_answered "$gossip" 'else if \(!records_due_\)' 'else if (false)'
+mutate hash_of_decisions_is_told "$gossip" '!heard_same_ && !told_ && now >= hash_due_' 'false'
+mutate muted_layers_are_left_out lib/map/merged_tiles.cc 'if \(control\.IsSummed\(\)\)' 'if (true)'
+mutate yielding_layers_yield lib/map/merged_tiles.cc '\(yields \? yielding : tiles\)' '(tiles)'
+mutate another_shift_sums_anew lib/map/merged_tiles.cc '\|\| before\.shift != shift' ''
+mutate shifted_tiles_are_of_all_that_they_cover lib/map/shifted_tile.cc 'return \{first >> 5, \(first \+ kSide - 1\) >> 5\}' 'return {first >> 5, first >> 5}'
 mutate part_is_compared "$follower" 'checked->second == hash' 'true'
 mutate part_ends_where_it_ends "$follower" 'if \(IsOutside\(child\)\) return true;' ''
 mutate levels_are_kept_while_asked_for "$follower" '\*next_renewal_ <= now \|\|' ''

@@ -220,6 +220,8 @@ class Fleet {
   MapFollower& client(size_t n) { return *clients_[n]; }
   size_t num_clients() const { return clients_.size(); }
   int64_t bytes_sent() const { return bytes_sent_; }
+  // By all that stand in for others.
+  int64_t stand_in_digests() const { return stand_in_digests_; }
 
   void Run(milliseconds duration) {
     for (milliseconds passed(0); passed < duration; passed += Network::kStep) {
@@ -288,6 +290,7 @@ class Fleet {
   void Broadcast(const std::vector<uint8_t>& message) {
     const auto bytes = std::make_shared<const std::vector<uint8_t>>(message);
     bytes_sent_ += std::ssize(message);
+    stand_in_digests_ += TypeOf(message) == MessageType::kStandInDigest ? 1 : 0;
     for (const auto& robot : robots_) {
       network_.Send([this, bytes, r = robot.get()] {
         if (r->is_running()) r->Take(*bytes, network_.now());
@@ -305,6 +308,7 @@ class Fleet {
   std::vector<std::unique_ptr<Robot>> robots_;
   std::vector<std::shared_ptr<MapFollower>> clients_;
   int64_t bytes_sent_ = 0;
+  int64_t stand_in_digests_ = 0;
 };
 
 TEST(FleetTest, EveryRobotAndClientHasTheSumOfAll) {
@@ -342,22 +346,76 @@ TEST(FleetTest, WhoComesLateGetsTheLayersOfThoseThatAreGone) {
   EXPECT_EQ(fleet.AnyContent(), content);
 }
 
-TEST(FleetTest, OneStandInIsEnough) {
-  Fleet fleet({}, 6, 1, 3);
+TEST(FleetTest, OneStandsInForASilentOwnerAndNobodyForOneThatSpeaks) {
+  Fleet fleet({.max_delay = milliseconds(30)}, 6, 2, 3);
   fleet.StartAll();
   for (int n = 0; n < 20; ++n) {
     fleet.robot(0).Commit();
     fleet.Run(milliseconds(100));
   }
   ASSERT_TRUE(fleet.RunUntilEqual(20));
-  const int64_t before = fleet.bytes_sent();
-  fleet.Run(milliseconds(20'000));
-  const int64_t with_owner = fleet.bytes_sent() - before;
+  fleet.Run(milliseconds(10'000));
+  EXPECT_EQ(fleet.stand_in_digests(), 0);
   fleet.robot(0).Stop();
   fleet.Run(milliseconds(10'000));
-  const int64_t after = fleet.bytes_sent();
+  const int64_t before = fleet.stand_in_digests();
   fleet.Run(milliseconds(20'000));
-  EXPECT_LT(fleet.bytes_sent() - after, 1.1 * static_cast<double>(with_owner));
+  EXPECT_LE(std::abs(fleet.stand_in_digests() - before - 20), 2);
+}
+
+class TakingOver : public testing::TestWithParam<int> {};
+
+TEST_P(TakingOver, IsForWhoHasMoreThanTheOneThatStandsIn) {
+  Fleet fleet({}, 3, 1, GetParam());
+  fleet.StartAll();
+  fleet.robot(0).Commit();
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  fleet.robot(1).Save();
+  fleet.robot(1).Stop();
+  fleet.robot(0).Commit();  // which robot 1 does not hear of
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  const Content content = fleet.AnyContent();
+  fleet.robot(0).Stop();
+  fleet.robot(2).Save();
+  fleet.robot(2).Stop();
+  fleet.Start(1);
+  fleet.RestartClient(0);
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  EXPECT_NE(fleet.AnyContent(), content);
+  EXPECT_EQ(fleet.AnyContent().layers.size(), 1u);
+  fleet.Start(2);
+  fleet.Run(milliseconds(5000));
+  ASSERT_TRUE(fleet.RunUntilEqual(20));
+  EXPECT_EQ(fleet.AnyContent().merged, content.merged);
+  // And one of the two falls silent.
+  const int64_t before = fleet.stand_in_digests();
+  fleet.Run(milliseconds(20'000));
+  EXPECT_LE(std::abs(fleet.stand_in_digests() - before - 20), 2);
+}
+
+INSTANTIATE_TEST_SUITE_P(Seeds, TakingOver, testing::Range(1, 9));
+
+TEST(FleetTest, AStandInIsNotBelievedWhileTheOwnerSpeaks) {
+  LayerFollower follower({"robot", 1}, 1);
+  layer_digest_t digest{};
+  digest.layer = ToMessage(LayerLife{{"robot", 1}, {1, 1}, {}});
+  digest.protocol_version = kProtocolVersion;
+  digest.root_level = 1;
+  digest.utime = 1;
+  const Clock::time_point begin{std::chrono::hours(1)};
+  follower.TakeDigest(digest, begin);
+  EXPECT_TRUE(follower.is_equal());
+  stand_in_digest_t stand_in{};
+  stand_in.daemon_nonce = 5;
+  stand_in.digest = digest;
+  stand_in.digest.num_tiles = 1;
+  stand_in.digest.hash = 77;
+  follower.TakeStandInDigest(stand_in, begin + milliseconds(2000));
+  follower.Tick(begin + milliseconds(2000));
+  EXPECT_TRUE(follower.is_equal());
+  stand_in.digest.utime = 2;
+  follower.TakeStandInDigest(stand_in, begin + milliseconds(3500));
+  EXPECT_FALSE(follower.is_equal());
 }
 
 TEST(FleetTest, ARobotThatComesBackSpeaksForItself) {

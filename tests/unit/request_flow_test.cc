@@ -237,11 +237,14 @@ TEST_F(RequestFlowTest, ACommandIsNotGivenToTheNextStart) {
   Find();
   absl::Status status;
   int64_t done = 0;
-  flow_->Start(std::make_unique<PendingCommand>("clear", 1,
-                                                [&](const absl::Status& s) {
-                                                  ++done;
-                                                  status = s;
-                                                }),
+  command_request_t clear;
+  clear.command = "clear";
+  clear.incarnation = 1;
+  flow_->Start(std::make_unique<PendingCommand<command_request_t>>(clear,
+                                                                   [&](const absl::Status& s) {
+                                                                     ++done;
+                                                                     status = s;
+                                                                   }),
                now_ + milliseconds(5000), now_);
   flow_->TakeOutgoing();  // lost
   daemons_[0].nonce = 99;

@@ -51,10 +51,11 @@ std::vector<RecordedScan> Read(const std::string& path, bool no_return_is_free,
   return *std::move(scans);
 }
 
-std::vector<double> LogOdds(TestedMap& map, const std::vector<Eigen::Vector2d>& points_m) {
+std::vector<double> LogOdds(const LogOddsAt& log_odds_at,
+                            const std::vector<Eigen::Vector2d>& points_m) {
   std::vector<double> values;
   values.reserve(points_m.size());
-  for (const Eigen::Vector2d& point_m : points_m) values.push_back(map.LogOdds(point_m));
+  for (const Eigen::Vector2d& point_m : points_m) values.push_back(log_odds_at(point_m));
   return values;
 }
 
@@ -89,9 +90,14 @@ std::unique_ptr<TestedMap> MapDrive(const Method& method, const Drive& drive, do
 }
 
 Judgement Judge(TestedMap& map, const Drive& drive) {
-  const std::vector<double> hits = LogOdds(map, drive.hits);
-  const std::vector<double> free = LogOdds(map, drive.free);
-  return {Auc(hits, free), Auc(hits, LogOdds(map, drive.free_near)), MeanLogLikelihood(hits, free)};
+  return Judge([&](const Eigen::Vector2d& point_m) { return map.LogOdds(point_m); }, drive);
+}
+
+Judgement Judge(const LogOddsAt& log_odds_at, const Drive& drive) {
+  const std::vector<double> hits = LogOdds(log_odds_at, drive.hits);
+  const std::vector<double> free = LogOdds(log_odds_at, drive.free);
+  return {Auc(hits, free), Auc(hits, LogOdds(log_odds_at, drive.free_near)),
+          MeanLogLikelihood(hits, free)};
 }
 
 void WriteLogs(const std::vector<Method>& methods, const std::vector<Drive>& drives,

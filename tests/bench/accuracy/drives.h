@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -37,6 +38,9 @@ struct Judgement {
   double log_likelihood = 0;  // mean of hits and of free points, as many of both
 };
 Judgement Judge(TestedMap& map, const Drive& drive);
+// The same of any surface, 0 where nothing is known.
+using LogOddsAt = std::function<double(const Eigen::Vector2d& point_m)>;
+Judgement Judge(const LogOddsAt& log_odds_at, const Drive& drive);
 
 // logs.csv: judgement and size of each method on each drive, by resolution.
 void WriteLogs(const std::vector<Method>& methods, const std::vector<Drive>& drives,

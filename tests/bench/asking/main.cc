@@ -5,6 +5,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cstdio>
 #include <functional>
@@ -15,6 +16,7 @@
 #include "lib/config/config.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
+#include "lib/query/distance_field.h"
 #include "lib/query/local_map.h"
 #include "tests/bench/speed/workload.h"
 
@@ -165,6 +167,27 @@ void Compete(const std::string& what, size_t items, int repetitions,
   std::fflush(stdout);
 }
 
+// How far the field, and the grid, are from what the map says; in knot intervals.
+void PrintErrors(
+    const DistancesQuery& query, const std::vector<DistancesQuery::Distance>& exact,
+    const std::function<std::array<double, 2>(const Eigen::Vector2d& point_m)>& look_up_m) {
+  std::array<std::vector<double>, 2> errors;
+  for (size_t n = 0; n < exact.size(); ++n) {
+    const std::array<double, 2> distances_m = look_up_m(query.points_m[n]);
+    for (int k = 0; k < 2; ++k) {
+      errors[k].push_back(std::abs(distances_m[k] - exact[n].distance_m) / kResolution_m);
+    }
+  }
+  for (int k = 0; k < 2; ++k) {
+    std::sort(errors[k].begin(), errors[k].end());
+    fmt::print(
+        "{}: differs from the search by {:.3f} knot intervals in the median, {:.3f} at 99 %, "
+        "{:.3f} at most\n",
+        k == 0 ? "DistanceField" : "OpenCV distanceTransform", errors[k][exact.size() / 2],
+        errors[k][exact.size() * 99 / 100], errors[k].back());
+  }
+}
+
 void Run(const Workload& workload, int repetitions, size_t items) {
   const size_t updates = std::min(workload.scans.size() / 10, items / 20);
   const size_t mapped = workload.scans.size() - updates;
@@ -247,25 +270,44 @@ void Run(const Workload& workload, int repetitions, size_t items) {
     same += is_clear == (results[n].occupancy == Occupancy::kFree) ? 1 : 0;
   }
   fmt::print("of {} sweeps {} are clear in the grid; {} are alike\n", results.size(), clear, same);
+  const auto look_up_dynamic = [&] {
+    for (const Eigen::Vector2d& point_m : distances.points_m) {
+      const Eigen::Vector2i cell = grid.CellAt(point_m);
+      sink = dynamic.getDistance(cell.x(), cell.y(), 0);
+    }
+  };
+  const auto look_up_image = [&] {
+    for (const Eigen::Vector2d& point_m : distances.points_m) {
+      const Eigen::Vector2i cell = grid.CellAt(point_m);
+      sink = image.at<float>(cell.y(), cell.x());
+    }
+  };
   Compete("distances, 2 m at most", items, repetitions,
           {{"", [&] { sink = map.Ask(distances)->distances[0].distance_m; }},
-           {"dynamicEDT3D, lookup",
-            [&] {
-              for (const Eigen::Vector2d& point_m : distances.points_m) {
-                const Eigen::Vector2i cell = grid.CellAt(point_m);
-                sink = dynamic.getDistance(cell.x(), cell.y(), 0);
-              }
-            }},
-           {"OpenCV distanceTransform, lookup", [&] {
-              for (const Eigen::Vector2d& point_m : distances.points_m) {
-                const Eigen::Vector2i cell = grid.CellAt(point_m);
-                sink = image.at<float>(cell.y(), cell.x());
-              }
-            }}});
+           {"dynamicEDT3D, lookup", look_up_dynamic},
+           {"OpenCV distanceTransform, lookup", look_up_image}});
+  DistanceFieldEditor editor({.max_distance_m = kDistance_m});
+  DistanceField field = editor.Update(map.Snapshot());
+  const auto look_up_field = [&] {
+    for (const Eigen::Vector2d& point_m : distances.points_m) sink = field.At(point_m).distance_m;
+  };
+  Compete("DistanceField, 2 m at most", items, repetitions,
+          {{"", look_up_field},
+           {"dynamicEDT3D, lookup", look_up_dynamic},
+           {"OpenCV distanceTransform, lookup", look_up_image}});
+  PrintErrors(distances, map.Ask(distances)->distances, [&](const Eigen::Vector2d& point_m) {
+    const Eigen::Vector2i cell = grid.CellAt(point_m);
+    return std::array{field.At(point_m).distance_m,
+                      std::min(kDistance_m, kResolution_m * image.at<float>(cell.y(), cell.x()))};
+  });
+  fmt::print("the field takes {:.2f} bytes a control point of the map\n",
+             static_cast<double>(field.tiles().size() * sizeof(DistanceTile)) /
+                 static_cast<double>(map.Snapshot()->merged.size() * Tile::kSize));
 
   // Scan after scan; what is said of the grid is that it is there already.
   const DistancesQuery one{{workload.scans[0].world_T_sensor.position_m}, kDistance_m};
   std::vector<double> own_s;
+  std::vector<double> field_s;
   std::vector<double> dynamic_s;
   std::vector<double> image_s;
   for (size_t n = mapped; n < workload.scans.size(); ++n) {
@@ -275,6 +317,7 @@ void Run(const Workload& workload, int repetitions, size_t items) {
       map.Show(snapshot);
       sink = map.Ask(one)->distances[0].distance_m;
     }));
+    field_s.push_back(SecondsOf([&] { field = editor.Update(snapshot); }));
     const Grid next(map, bounds_m);
     for (size_t k = 0; k < next.cells.size(); ++k) {
       const int x = static_cast<int>(k) % next.width;
@@ -288,14 +331,17 @@ void Run(const Workload& workload, int repetitions, size_t items) {
         [&] { cv::distanceTransform(obstacles, image, cv::DIST_L2, cv::DIST_MASK_PRECISE); }));
     grid = next;
   }
-  const double own = 1 / Median(own_s);
-  const auto print = [&](const char* name, const std::vector<double>& times_s) {
-    const double peer = 1 / Median(times_s);
-    fmt::print("{:<34} | {:>10.3g} | {:<34} {:>10.3g} | {:>8.3f}\n",
-               "a scan's change, then a distance", own, name, peer, own / peer);
+  const auto print = [&](const char* what, const std::vector<double>& times_s, const char* name,
+                         const std::vector<double>& peer_times_s) {
+    const double own = 1 / Median(times_s);
+    const double peer = 1 / Median(peer_times_s);
+    fmt::print("{:<34} | {:>10.3g} | {:<34} {:>10.3g} | {:>8.3f}\n", what, own, name, peer,
+               own / peer);
   };
-  print("dynamicEDT3D, update", dynamic_s);
-  print("OpenCV distanceTransform, anew", image_s);
+  print("a scan's change, then a distance", own_s, "dynamicEDT3D, update", dynamic_s);
+  print("a scan's change, then a distance", own_s, "OpenCV distanceTransform, anew", image_s);
+  print("a scan's change to DistanceField", field_s, "dynamicEDT3D, update", dynamic_s);
+  print("a scan's change to DistanceField", field_s, "OpenCV distanceTransform, anew", image_s);
 }
 
 int Main(int argc, char** argv) {

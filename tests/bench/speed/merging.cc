@@ -2,10 +2,10 @@
 // reads and writes as many bytes.
 #include <benchmark/benchmark.h>
 
-#include <array>
 #include <cstring>
 #include <memory>
 #include <random>
+#include <string>
 #include <vector>
 
 #include "lib/map/merge_tiles.h"
@@ -15,10 +15,8 @@
 namespace splinemap::bench {
 namespace {
 
-constexpr size_t kLayers = 8;
-
 struct Layers {
-  explicit Layers(size_t num_tiles) {
+  Layers(size_t num_layers, size_t num_tiles) : tiles(num_layers) {
     std::mt19937_64 random(1);
     std::vector<Tile> contents;
     for (int n = 0; n < 61; ++n) contents.push_back(RandomTile(random));
@@ -30,33 +28,32 @@ struct Layers {
   }
 
   int64_t bytes() const {
-    return static_cast<int64_t>((kLayers + 1) * merged.size() * sizeof(Tile));
+    return static_cast<int64_t>((tiles.size() + 1) * merged.size() * sizeof(Tile));
   }
 
-  std::array<std::vector<Tile>, kLayers> tiles;
+  std::vector<std::vector<Tile>> tiles;
   std::vector<Tile> merged;
 };
 
 void Merge(Layers& layers) {
-  std::vector<const Tile*> tiles(kLayers);
+  std::vector<const Tile*> tiles(layers.tiles.size());
   for (size_t n = 0; n < layers.merged.size(); ++n) {
-    for (size_t k = 0; k < kLayers; ++k) tiles[k] = &layers.tiles[k][n];
+    for (size_t k = 0; k < tiles.size(); ++k) tiles[k] = &layers.tiles[k][n];
     layers.merged[n] = MergeTiles(tiles, {});
   }
 }
 
-}  // namespace
-
-void RegisterMerging(size_t num_tiles) {
-  const auto layers = std::make_shared<Layers>(num_tiles);
-  benchmark::RegisterBenchmark("merging/8_layers/splinemap", [layers](benchmark::State& state) {
+void RegisterMergingOf(size_t num_layers, size_t num_tiles) {
+  const auto layers = std::make_shared<Layers>(num_layers, num_tiles);
+  const std::string name = "merging/" + std::to_string(num_layers) + "_layers/";
+  benchmark::RegisterBenchmark((name + "splinemap").c_str(), [layers](benchmark::State& state) {
     for (auto _ : state) {
       Merge(*layers);
       benchmark::ClobberMemory();
     }
     state.SetBytesProcessed(state.iterations() * layers->bytes());
   });
-  benchmark::RegisterBenchmark("merging/8_layers/memcpy", [layers](benchmark::State& state) {
+  benchmark::RegisterBenchmark((name + "memcpy").c_str(), [layers](benchmark::State& state) {
     std::vector<char> from(layers->bytes() / 2, 1);
     std::vector<char> to(from.size());
     for (auto _ : state) {
@@ -65,6 +62,13 @@ void RegisterMerging(size_t num_tiles) {
     }
     state.SetBytesProcessed(state.iterations() * layers->bytes());
   });
+}
+
+}  // namespace
+
+void RegisterMerging(size_t num_tiles) {
+  RegisterMergingOf(8, num_tiles);
+  RegisterMergingOf(32, num_tiles / 4);  // the same bytes
 }
 
 }  // namespace splinemap::bench

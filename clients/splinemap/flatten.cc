@@ -1,0 +1,58 @@
+#include <cstdio>
+#include <memory>
+
+#include "clients/splinemap/commands.h"
+#include "clients/splinemap/layer_lines.h"
+#include "lib/base/random.h"
+#include "lib/base/status.h"
+#include "lib/config/config.h"
+#include "lib/map/map_edits.h"
+
+namespace splinemap {
+namespace {
+
+struct Flags {
+  std::string map;
+  std::string name = "flat";
+  MapOutput output;
+};
+
+absl::StatusOr<int> Flatten(const Flags& flags) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckRobotName(flags.name));
+  SPLINEMAP_RETURN_IF_ERROR(CheckOutputOf({flags.map}, flags.output));
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadInput(flags.map, flags.output));
+  const MapSnapshot& map = *loaded.map;
+  const auto flat = Flattened(map, {flags.name, RandomId()}, {1, RandomId()});
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs(*flat, flags.output.out));
+  size_t summed = 0;
+  for (const LayerSnapshot& layer : map.layers) {
+    const LayerControl& control = map.controls.Of(layer.id);
+    summed += control.IsSummed() ? 1 : 0;
+    if (control.IsSummed()) continue;
+    fmt::print(stderr, "{} is left out: {}\n", NameOf(layer.id), TextOf(control, layer.epoch));
+  }
+  fmt::print(stderr, "{} layers are one, {}; {} tiles in {}\n", summed,
+             NameOf(flat->layers.front().id), flat->merged.size(), flags.output.out);
+  return loaded.damages.empty() ? kSuccess : kFailed;
+}
+
+constexpr const char* kExamples = R"(
+Example:
+  splinemap flatten fleet.splinemap -o flat.splinemap --name lab
+
+One layer that is the sum of all, without those that are muted and shifted as was decided. Its parts
+cannot be told apart any more: merged with a map of one of its robots, what that saw counts twice.)";
+
+}  // namespace
+
+void AddFlatten(CLI::App& app, Command& chosen) {
+  auto flags = std::make_shared<Flags>();
+  CLI::App* command = app.add_subcommand("flatten", "Make one layer of all");
+  command->footer(kExamples);
+  command->add_option("MAP", flags->map, "Map file")->required();
+  command->add_option("--name", flags->name, "Of the layer (default flat)");
+  AddMapOutputFlags(*command, flags->output);
+  command->callback([flags, &chosen] { chosen = [flags] { return Flatten(*flags); }; });
+}
+
+}  // namespace splinemap

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "lcmtypes/splinemap/layer_status_t.hpp"
+#include "lib/map/layer.h"
+#include "lib/map/layer_control.h"
+#include "lib/map/map.h"
+#include "lib/map/region.h"
+
+namespace splinemap {
+
+// NAME@ORIGIN, as layers are told apart in what people read and type.
+std::string NameOf(const LayerId& id);
+// Whether `text` is the layer's NAME, or NAME@ and how its origin begins.
+bool Names(const std::string& text, const LayerId& id);
+
+// What people are shown of a layer.
+struct LayerLine {
+  struct Content {
+    LayerEpoch epoch;
+    uint64_t revision = 0;
+    size_t tiles = 0;
+    double area_m2 = 0;         // known control points, each a square of the knot interval
+    std::optional<Region> box;  // of these squares, in the map's frame; none where there are none
+    uint64_t hash = 0;          // as in digests: the sum of the checksums of tiles
+  };
+  LayerId id;
+  std::optional<Content> content;  // none where only a record about the layer is there
+  LayerControl control;
+  // Of a daemon's: "own", "live", "stale", "gone"; since its owner was heard, -1 if not yet.
+  std::string state;
+  double heard_s_ago = -1;
+};
+
+LayerLine LineOf(const LayerSnapshot& layer, const LayerControl& control, double knot_interval_m);
+
+// As a daemon says it. Its areas and boxes are of tiles.
+LayerLine LineOf(const layer_status_t& layer);
+
+// Of the layers of a map, and then of those that only have a record.
+std::vector<LayerLine> LinesOf(const MapSnapshot& map);
+
+// "muted, shifted by 3, -2 knots"; empty where nothing was decided.
+std::string TextOf(const LayerControl& control, const std::optional<LayerEpoch>& epoch);
+
+// A table with a header.
+std::string TableOf(const std::vector<LayerLine>& lines);
+
+nlohmann::json ToJson(const LayerLine& line);
+
+}  // namespace splinemap

@@ -1,0 +1,98 @@
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "absl/strings/escaping.h"
+#include "clients/splinemap/commands.h"
+#include "clients/splinemap/layer_lines.h"
+#include "clients/splinemap/live_layers.h"
+#include "lib/base/status.h"
+
+namespace splinemap {
+namespace {
+
+struct Flags {
+  std::string map;
+  bool live = false;
+  bool json = false;
+  LiveFlags bus;
+};
+
+// Names may be any bytes.
+void Print(const nlohmann::json& json) {
+  fmt::print("{}\n", json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
+}
+
+nlohmann::json ToJson(const std::vector<LayerLine>& lines) {
+  nlohmann::json json = nlohmann::json::array();
+  for (const LayerLine& line : lines) json.push_back(splinemap::ToJson(line));
+  return json;
+}
+
+absl::StatusOr<int> LayersOfDaemons(const Flags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<layers_t> daemons, ListenToLayers(flags.bus));
+  nlohmann::json json = nlohmann::json::object();
+  for (const layers_t& daemon : daemons) {
+    std::vector<LayerLine> lines;
+    for (const layer_status_t& layer : daemon.layers) lines.push_back(LineOf(layer));
+    if (flags.json) {
+      json[daemon.name] = {{"layers", ToJson(lines)}, {"refused", daemon.refused}};
+      continue;
+    }
+    fmt::print("{}:\n{}", absl::Utf8SafeCHexEscape(daemon.name), TableOf(lines));
+    for (const std::string& refused : daemon.refused) {
+      fmt::print("refused {}\n", absl::Utf8SafeCHexEscape(refused));
+    }
+    if (&daemon != &daemons.back()) fmt::print("\n");
+  }
+  if (flags.json) Print(json);
+  return kSuccess;
+}
+
+absl::StatusOr<int> Layers(const Flags& flags) {
+  if (flags.live == !flags.map.empty()) {
+    return InvalidArgument("name a map file, or ask the daemons on a bus with --live");
+  }
+  if (flags.live) return LayersOfDaemons(flags);
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
+  const std::vector<LayerLine> lines = LinesOf(*loaded.map);
+  if (flags.json) {
+    Print(ToJson(lines));
+  } else {
+    fmt::print("{}", TableOf(lines));
+  }
+  return ReportDamages(loaded);
+}
+
+constexpr const char* kExamples = R"(
+Examples:
+  splinemap layers fleet.splinemap
+  splinemap layers fleet.splinemap --json | jq '.[] | select(.in_sum)'
+  splinemap layers --live                          what each daemon on the bus has
+
+A line for each layer, what one robot measured: its name and origin, how often its robot had started,
+scans, tiles, the area that it knows and the box about it in the map's frame, as --region takes it,
+and a hash: equal layers have equal hashes. Last comes what people have decided about it. Of layers
+that were removed only that is left.
+
+Of a daemon's layers it says, too, whether each is its own, live, stale (something is missing) or gone
+(its robot is silent, and all is kept), and how many seconds ago its robot was heard; areas and boxes
+are those of tiles then.)";
+
+}  // namespace
+
+void AddLayers(CLI::App& app, Command& chosen) {
+  auto flags = std::make_shared<Flags>();
+  CLI::App* command =
+      app.add_subcommand("layers", "List the layers of a map, or those of the daemons on a bus");
+  command->footer(kExamples);
+  command->add_option("MAP", flags->map, "Map file");
+  command->add_flag("--live", flags->live, "Listen to daemons instead of reading a file");
+  AddLiveFlags(*command, flags->bus);
+  command->add_flag("--json", flags->json, "Output for programs");
+  command->callback([flags, &chosen] { chosen = [flags] { return Layers(*flags); }; });
+}
+
+}  // namespace splinemap

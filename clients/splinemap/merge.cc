@@ -1,0 +1,162 @@
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+
+#include "clients/splinemap/commands.h"
+#include "clients/splinemap/layer_lines.h"
+#include "clients/splinemap/progress.h"
+#include "lib/base/status.h"
+#include "lib/map/layer_union.h"
+
+namespace splinemap {
+namespace {
+
+struct Flags {
+  std::vector<std::string> maps;
+  MapOutput output;
+};
+
+double Bytes(const std::string& path) {
+  std::error_code error;
+  const auto bytes = std::filesystem::file_size(path, error);
+  return error ? 0 : static_cast<double>(bytes);
+}
+
+absl::Status CheckOptions(const MapOptions& options, const std::string& path,
+                          const MapOptions& others, const std::string& other_path) {
+  constexpr double kUnits = kUnitsPerLogOdds;
+  const auto differ = [&](const std::string& what, const std::string& a, const std::string& b) {
+    return InvalidArgument("{} of {} are {}, and those of {} are {}: such maps have no sum", what,
+                           path, a, other_path, b);
+  };
+  if (options.knot_interval_m != others.knot_interval_m) {
+    return differ("knot intervals", fmt::format("{} m", options.knot_interval_m),
+                  fmt::format("{} m", others.knot_interval_m));
+  }
+  if (options.limits != others.limits) {
+    const auto text = [&](ControlLimits limits) {
+      return fmt::format("{} .. {} log-odds", limits.min / kUnits, limits.max / kUnits);
+    };
+    return differ("clamps", text(options.limits), text(others.limits));
+  }
+  return absl::OkStatus();
+}
+
+// The files of a merge, read one after the other.
+class Merger {
+ public:
+  absl::Status Take(const std::string& path, const MapSnapshot& map) {
+    if (!union_) {
+      union_.emplace(map.options);
+      options_ = {map.options, path};
+    }
+    SPLINEMAP_RETURN_IF_ERROR(CheckOptions(map.options, path, options_.first, options_.second));
+    const auto clashes = union_->Take(map);
+    if (!clashes.ok()) return FailedPrecondition("{}: {}", path, ErrorText(clashes.status()));
+    for (const LayerSnapshot& layer : map.layers) sources_.try_emplace(layer.id, path);
+    for (const LayerUnion::Clash& clash : *clashes) Note(path, clash);
+    return absl::OkStatus();
+  }
+
+  std::shared_ptr<const MapSnapshot> Snapshot() const { return union_->Snapshot(); }
+
+  // Says what people may not expect. False where copies of a layer contradict each other.
+  bool Report(const MapSnapshot& merged) const {
+    for (const std::string& note : notes_) fmt::print(stderr, "{}\n", note);
+    for (const LayerId& id : union_->Removed()) {
+      fmt::print(stderr, "{} is left out: {}\n", NameOf(id),
+                 TextOf(merged.controls.Of(id), std::nullopt));
+    }
+    std::map<std::string, std::vector<std::string>> names;
+    for (const LayerSnapshot& layer : merged.layers) {
+      names[layer.id.name].push_back(NameOf(layer.id));
+    }
+    for (const auto& [name, layers] : names) {
+      if (layers.size() == 1) continue;
+      fmt::print(stderr,
+                 "{} stay apart: two robots of one name, a new computer, or a map begun anew\n",
+                 fmt::join(layers, " and "));
+    }
+    return !has_contradictions_;
+  }
+
+ private:
+  void Note(const std::string& path, const LayerUnion::Clash& clash) {
+    std::string& source = sources_.at(clash.id);
+    const std::string name = NameOf(clash.id);
+    if (clash.contradictions > 0) {
+      has_contradictions_ = true;
+      notes_.push_back(fmt::format(
+          "{}: {} has {} tiles that differ from those of {} at the same commit: made "
+          "by two owners of one copied file; of each one is kept, the same in any order "
+          "of files",
+          name, path, clash.contradictions, source));
+      return;
+    }
+    notes_.push_back(fmt::format("{}: start {} in {} replaces start {} in {}{}", name,
+                                 clash.kept.incarnation, clash.is_map_newer ? path : source,
+                                 clash.dropped.incarnation, clash.is_map_newer ? source : path,
+                                 clash.kept.incarnation == clash.dropped.incarnation
+                                     ? ": two owners of one copied file"
+                                     : ""));
+    if (clash.is_map_newer) source = path;
+  }
+
+  std::optional<LayerUnion> union_;
+  std::pair<MapOptions, std::string> options_;  // and the file that has them
+  std::map<LayerId, std::string> sources_;      // the first file that has the layer's start
+  std::vector<std::string> notes_;
+  bool has_contradictions_ = false;
+};
+
+absl::StatusOr<int> Merge(const Flags& flags) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckOutputOf(flags.maps, flags.output));
+  double all_bytes = 0;
+  for (const std::string& path : flags.maps) all_bytes += Bytes(path);
+  Merger merger;
+  bool is_whole = true;
+  {
+    ProgressBar bar("merging");
+    double bytes = 0;
+    for (const std::string& path : flags.maps) {
+      SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(path));
+      if (!loaded.damages.empty()) bar.Hide();
+      SPLINEMAP_RETURN_IF_ERROR(CheckInput(loaded, path, flags.output));
+      SPLINEMAP_RETURN_IF_ERROR(merger.Take(path, *loaded.map));
+      is_whole = is_whole && loaded.damages.empty();
+      bytes += Bytes(path);
+      bar.Show(bytes / all_bytes);
+    }
+  }
+  const std::shared_ptr<const MapSnapshot> merged = merger.Snapshot();
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs(*merged, flags.output.out));
+  const bool is_consistent = merger.Report(*merged);
+  fmt::print(stderr, "merged {} files: {} layers, {} tiles in {}\n", flags.maps.size(),
+             merged->layers.size(), merged->merged.size(), flags.output.out);
+  return is_whole && is_consistent ? kSuccess : kFailed;
+}
+
+constexpr const char* kExamples = R"(
+Examples:
+  splinemap merge robot-1.splinemap robot-2.splinemap -o both.splinemap
+  splinemap merge both.splinemap robot-*.splinemap -o fleet.splinemap
+
+The layers of all files, each in the newest state that a file has; the map is their sum. Layers stay
+apart inside, so that merged files can be merged again: the order of files, groups of them and files
+that come twice make no difference. Robots have to share a map frame, a knot interval and clamps.
+Exit status: 0 merged; 1 failed, or merged and copies of a layer contradict each other; 2 usage.)";
+
+}  // namespace
+
+void AddMerge(CLI::App& app, Command& chosen) {
+  auto flags = std::make_shared<Flags>();
+  CLI::App* command = app.add_subcommand("merge", "Put the layers of several maps into one");
+  command->footer(kExamples);
+  command->add_option("MAP", flags->maps, "Map files")->required();
+  AddMapOutputFlags(*command, flags->output);
+  command->callback([flags, &chosen] { chosen = [flags] { return Merge(*flags); }; });
+}
+
+}  // namespace splinemap

@@ -1,0 +1,81 @@
+#include <algorithm>
+#include <cstdio>
+#include <memory>
+
+#include "clients/splinemap/commands.h"
+#include "clients/splinemap/layer_lines.h"
+#include "lib/base/did_you_mean.h"
+#include "lib/base/random.h"
+#include "lib/base/status.h"
+#include "lib/map/map_edits.h"
+
+namespace splinemap {
+namespace {
+
+struct Flags {
+  std::string map;
+  std::vector<std::string> layers;
+  MapOutput output;
+};
+
+absl::StatusOr<LayerId> FindLayer(const MapSnapshot& map, const std::string& text,
+                                  const std::string& path) {
+  std::vector<LayerId> found;
+  std::vector<std::string> names;
+  std::vector<std::string> candidates;
+  for (const LayerSnapshot& layer : map.layers) {
+    names.push_back(layer.id.name);
+    candidates.push_back(NameOf(layer.id));
+    if (Names(text, layer.id)) found.push_back(layer.id);
+  }
+  if (found.size() == 1) return found.front();
+  if (found.empty()) {
+    return InvalidArgument("{} has no layer {}{}; there are: {}", path, text,
+                           DidYouMean(text, names), fmt::join(candidates, ", "));
+  }
+  candidates.clear();
+  for (const LayerId& id : found) candidates.push_back(NameOf(id));
+  return InvalidArgument("{} has several layers {}; say which: {}", path, text,
+                         fmt::join(candidates, ", "));
+}
+
+absl::StatusOr<int> Remove(const Flags& flags) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckOutputOf({flags.map}, flags.output));
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadInput(flags.map, flags.output));
+  std::vector<LayerId> removed;
+  for (const std::string& text : flags.layers) {
+    SPLINEMAP_ASSIGN_OR_RETURN(removed.emplace_back(), FindLayer(*loaded.map, text, flags.map));
+  }
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto rest, WithoutLayers(*loaded.map, removed, RandomId()));
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs(*rest, flags.output.out));
+  for (const LayerId& id : removed) fmt::print(stderr, "{} is removed\n", NameOf(id));
+  fmt::print(stderr, "{} layers, {} tiles in {}\n", rest->layers.size(), rest->merged.size(),
+             flags.output.out);
+  return loaded.damages.empty() ? kSuccess : kFailed;
+}
+
+constexpr const char* kExamples = R"(
+Examples:
+  splinemap remove fleet.splinemap robot-3 -o without.splinemap
+  splinemap remove fleet.splinemap robot-3@5f20 robot-4 -o without.splinemap
+
+The map as if these layers had never been, and a record of that: merged with older files, they stay
+away. splinemap layers shows the names and origins.)";
+
+}  // namespace
+
+void AddRemove(CLI::App& app, Command& chosen) {
+  auto flags = std::make_shared<Flags>();
+  CLI::App* command = app.add_subcommand("remove", "Take layers out of a map");
+  command->footer(kExamples);
+  command->add_option("MAP", flags->map, "Map file")->required();
+  command
+      ->add_option(
+          "LAYER", flags->layers,
+          "NAME, or NAME@ORIGIN where there are several; the origin's first digits will do")
+      ->required();
+  AddMapOutputFlags(*command, flags->output);
+  command->callback([flags, &chosen] { chosen = [flags] { return Remove(*flags); }; });
+}
+
+}  // namespace splinemap

@@ -1,0 +1,282 @@
+#!/usr/bin/env bash
+# Maps of several robots as files: merged in any order and grouping, without one of them, flattened;
+# and what is refused. Drives are the recorded ones, their scans shared among robots.
+# `merging.sh TOP all` shares every drive among 2, 5 and 20 robots; without, once.
+# shellcheck source=tests/integration/support.sh
+source "$1/tests/integration/support.sh" "$1"
+
+# hashes MAP: what the file has, but for what may differ: its times.
+hashes() {
+  splinemap layers "$1" --json |
+    jq -c '.[] | [.name, .origin, .incarnation, .nonce, .commits, .hash, .muted, .removed_up_to]'
+}
+
+# same A B: equal for diff, and every layer has one identity, state and hash in both.
+same() {
+  expect 0 splinemap diff "$1" "$2"
+  cmp <(hashes "$1") <(hashes "$2") || fail "$1 and $2 differ"
+}
+
+merge() {
+  expect 0 splinemap merge "$@" --force
+  [[ $(tail -n 1 err) == "merged "* ]] || fail "said: $(cat err)"
+}
+
+# robots LOG COUNT FLAGS..: map_1.splinemap .. map_COUNT.splinemap, a robot each.
+robots() {
+  local log=$1 count=$2 scan k
+  shift 2
+  scan=$1
+  "$top/tests/support/split_drive.py" "$log" "$scan" "$count" part_
+  rm -f map_*.splinemap
+  for ((k = 1; k <= count; ++k)); do
+    expect 0 splinemap build "part_$k.lcmlog" -o "map_$k.splinemap" --name "robot-$k" \
+      --scan "$scan" --pose "$2"
+  done
+  rm part_*.lcmlog
+}
+
+# orders COUNT: of the maps that robots made.
+orders() {
+  local count=$1 backwards k
+  maps=(); backwards=()
+  for ((k = 1; k <= count; ++k)); do
+    maps+=("map_$k.splinemap")
+    backwards=("map_$k.splinemap" "${backwards[@]}")
+  done
+  merge "${maps[@]}" -o all.splinemap
+  [[ $(splinemap layers all.splinemap --json | jq length) == "$count" ]] || fail "layers: $(hashes all.splinemap)"
+  merge "${backwards[@]}" "${maps[0]}" -o other.splinemap
+  same all.splinemap other.splinemap
+  # Halves that overlap, one within the other, and all of it once more.
+  merge "${maps[@]:0:count / 2 + 1}" -o half.splinemap
+  merge "${maps[@]:count / 2}" half.splinemap -o other.splinemap
+  merge other.splinemap half.splinemap "${maps[@]: -1}" -o again.splinemap
+  same all.splinemap again.splinemap
+}
+
+# without_one: of the maps that orders merged, and then with it as an older file has it.
+without_one() {
+  expect 0 splinemap remove all.splinemap robot-1 -o without.splinemap --force
+  merge "${maps[@]:1}" -o other.splinemap
+  expect 0 splinemap diff without.splinemap other.splinemap
+  expect_text "layer robot-1@" out
+  expect_text "removed up to start 1048575, only in without.splinemap" out
+  merge all.splinemap without.splinemap -o again.splinemap
+  expect_text "robot-1@" err
+  expect_text "is left out: removed up to start 1048575" err
+  same without.splinemap again.splinemap
+}
+
+# flatten MAP: in one layer the map is the same.
+flatten() {
+  expect 0 splinemap flatten "$1" -o flat.splinemap --name lab --force
+  cp err said
+  [[ $(splinemap layers flat.splinemap --json | jq -c 'map([.name, .muted, .shift_knots])') == '[["lab",false,[0,0]]]' ]] ||
+    fail "flat: $(hashes flat.splinemap)"
+  local map
+  for map in "$1" flat.splinemap; do
+    splinemap export "$map" "$map" --format geotiff --force 2> /dev/null
+  done
+  cmp "$1.tif" flat.splinemap.tif || fail "the flat map is another"
+  mv said err
+}
+
+splinemap simulate office.lcmlog 2> /dev/null
+robots office.lcmlog 5 LASER POSE
+orders 5
+without_one
+cp all.splinemap fleet.splinemap
+mkdir maps
+cp map_*.splinemap maps
+flatten fleet.splinemap
+
+# --- the layers of a map
+expect 0 splinemap layers fleet.splinemap
+[[ $(wc -l < out) == 6 && $(head -n 1 out) == layer*start*commits*tiles*area_m2*box_m*hash*decided ]] ||
+  fail "layers: $(cat out)"
+expect 0 splinemap layers fleet.splinemap --json
+[[ $(jq '.[2] | .name == "robot-3" and .incarnation == 1 and .commits > 200 and .in_sum and
+         .area_m2 > 1 and .box_m[0] < .box_m[2] and .box_m[1] < .box_m[3]' out) == true ]] || fail "$(cat out)"
+[[ $(jq '[.[] | [.area_m2, .tiles, .commits]]' out) == "$(splinemap info fleet.splinemap --json |
+  jq '[.layers[] | [.area_m2, .tiles, .scans]]')" ]] || fail "layers and info differ: $(cat out)"
+# The box of robot-2 in mm.
+box() { splinemap layers "$1" --json | jq -c '.[1].box_m | map(. * 1000 | round)'; }
+origin() { splinemap layers "$1" --json | jq -r "map(select(.name == \"$2\"))[0].origin"; }
+
+# --- which layer to remove
+expect 2 splinemap remove fleet.splinemap robot -o x.splinemap
+expect_text "fleet.splinemap has no layer robot (did you mean robot-1?); there are: robot-1@" err
+expect 2 splinemap remove fleet.splinemap robot-1@xyz -o x.splinemap
+expect 0 splinemap remove fleet.splinemap "robot-2@$(origin fleet.splinemap robot-2)" robot-4 -o x.splinemap
+merge maps/map_[135].splinemap -o other.splinemap
+expect 0 splinemap diff x.splinemap other.splinemap
+expect 0 splinemap remove x.splinemap robot-1 robot-3 robot-5 -o none.splinemap
+expect 0 splinemap info none.splinemap --json
+[[ $(jq -c '[.tiles, .layers]' out) == '[0,[]]' ]] || fail "all removed: $(cat out)"
+[[ $(splinemap layers none.splinemap | grep -c "removed up to") == 5 ]] || fail "$(splinemap layers none.splinemap)"
+rm x.splinemap
+
+# --- two layers of one name
+expect 0 splinemap build office.lcmlog -o namesake.splinemap --name robot-1
+merge namesake.splinemap fleet.splinemap -o names.splinemap
+expect_text "stay apart: two robots of one name" err
+[[ $(splinemap layers names.splinemap --json | jq length) == 6 ]] || fail "layers of one name are one"
+expect 2 splinemap remove names.splinemap robot-1 -o x.splinemap
+expect_text "names.splinemap has several layers robot-1; say which: robot-1@" err
+id=$(origin namesake.splinemap robot-1)
+expect 0 splinemap remove names.splinemap "robot-1@${id:0:9}" -o x.splinemap
+expect 0 splinemap diff x.splinemap fleet.splinemap
+rm x.splinemap
+
+# --- what people have decided
+for decision in muted "7 -40"; do
+  cp fleet.splinemap decided.splinemap
+  # shellcheck disable=SC2086  # words
+  expect 0 decide decided.splinemap robot-2 $decision
+  expect 1 splinemap diff decided.splinemap fleet.splinemap
+  expect_text "layer robot-2: " out
+  expect_text "in decided.splinemap, summed as it is in fleet.splinemap" out
+  expect_text "the sum of all layers: " out
+  expect 0 splinemap layers decided.splinemap
+  [[ $(grep -cE "robot-2.* (muted|shifted by 7, -40 knots)$" out) == 1 ]] || fail "layers: $(cat out)"
+  [[ $decision == muted || $(box decided.splinemap) == "$(box fleet.splinemap |
+    jq -c '[.[0] + 350, .[1] - 2000, .[2] + 350, .[3] - 2000]')" ]] || fail "box: $(cat out)"
+  # It stays, whatever is merged with it, and a flat map is the sum that it says.
+  merge maps/map_2.splinemap decided.splinemap fleet.splinemap -o other.splinemap
+  same decided.splinemap other.splinemap
+  flatten decided.splinemap
+  [[ $decision != muted ]] || expect_text "is left out: muted" err
+  expect 0 decide decided.splinemap robot-2
+  expect 0 splinemap diff decided.splinemap fleet.splinemap
+done
+
+# --- starts: a newer one replaces the layer; two of one number come from one copied file
+start() {
+  splinemapd --map "$1" --name robot-1 --scan LASER --pose POSE --lcm-url memq:// 2> daemon.log &
+  local daemon=$!
+  started() { [[ $(splinemap layers "$1" --json | jq '.[0].incarnation') == 2 ]]; }
+  await started "$1"
+  kill "$daemon"
+  wait "$daemon" || fail "the daemon failed: $(cat daemon.log)"
+}
+cp maps/map_1.splinemap newer.splinemap
+cp maps/map_1.splinemap twin.splinemap
+start newer.splinemap
+start twin.splinemap
+merge fleet.splinemap newer.splinemap -o one.splinemap
+expect_text ": start 2 in newer.splinemap replaces start 1 in fleet.splinemap" err
+merge newer.splinemap fleet.splinemap -o other.splinemap
+same one.splinemap other.splinemap
+merge newer.splinemap twin.splinemap -o one.splinemap
+expect_text ": two owners of one copied file" err
+merge twin.splinemap newer.splinemap -o other.splinemap
+same one.splinemap other.splinemap
+
+# --- one commit with two contents
+cp maps/map_1.splinemap forged.splinemap
+cp namesake.splinemap source.splinemap
+sqlite3 forged.splinemap "ATTACH 'source.splinemap' AS other;
+  UPDATE tile SET (checksum, content) = (SELECT t.checksum, t.content FROM other.tile t
+    WHERE t.tx = tile.tx AND t.ty = tile.ty)"
+expect 0 splinemap info forged.splinemap
+expect 1 splinemap merge fleet.splinemap forged.splinemap -o one.splinemap --force
+expect_text "tiles that differ from those of fleet.splinemap at the same commit" err
+expect 1 splinemap merge forged.splinemap fleet.splinemap -o other.splinemap --force
+same one.splinemap other.splinemap
+expect 1 splinemap merge one.splinemap fleet.splinemap forged.splinemap -o other.splinemap --force
+same one.splinemap other.splinemap
+
+# --- what is refused: nothing is written
+printf 'method { knot_interval_m: 0.1 }\n' > coarse.textproto
+printf 'method { clamp_max: 20 }\n' > wide.textproto
+for kind in coarse wide; do
+  expect 0 splinemap build office.lcmlog -o $kind.splinemap --config $kind.textproto --scan LASER --pose POSE
+done
+expect 2 splinemap merge fleet.splinemap coarse.splinemap -o x.splinemap
+expect_text "knot intervals of coarse.splinemap are 0.1 m, and those of fleet.splinemap are 0.05 m" err
+expect 2 splinemap merge fleet.splinemap wide.splinemap -o x.splinemap
+expect_text "clamps of wide.splinemap are -10 .. 20 log-odds, and those of fleet.splinemap are -10 .. 10" err
+cp fleet.splinemap tile.splinemap
+sqlite3 tile.splinemap "UPDATE tile SET content = x'28b52ffd' WHERE rowid = 7"
+head -c 40000 fleet.splinemap > cut.splinemap
+cp fleet.splinemap newer_schema.splinemap
+sqlite3 newer_schema.splinemap "PRAGMA user_version = 99"
+sqlite3 foreign.db "CREATE TABLE t (x); INSERT INTO t VALUES (1)"
+: > empty.splinemap
+for bad in 1:tile.splinemap 1:cut.splinemap 1:newer_schema.splinemap 2:foreign.db 2:office.lcmlog 2:. \
+  1:empty.splinemap 1:none_there.splinemap; do
+  expect "${bad%%:*}" splinemap merge fleet.splinemap "${bad#*:}" -o x.splinemap
+  expect_text "${bad#*:}" err
+  expect "${bad%%:*}" splinemap remove "${bad#*:}" robot-1 -o x.splinemap
+  expect "${bad%%:*}" splinemap flatten "${bad#*:}" -o x.splinemap
+  expect "${bad%%:*}" splinemap layers "${bad#*:}" > /dev/null
+done
+expect 2 splinemap flatten fleet.splinemap -o x.splinemap --name no/name
+expect 2 splinemap merge fleet.splinemap -o no/such/folder
+expect 2 splinemap merge fleet.splinemap
+expect 2 splinemap merge -o x.splinemap
+[[ -z $(find . -name 'x.*' -o -name '*.part*') ]] || fail "left behind: $(ls)"
+# What is left of a damaged file, if that is wanted.
+expect 1 splinemap merge tile.splinemap maps/map_2.splinemap -o x.splinemap --damaged
+expect_text "tile.splinemap: layer robot" err
+expect 0 splinemap info x.splinemap
+
+# --- outputs that are there, that are read, that are in use
+expect 2 splinemap merge fleet.splinemap namesake.splinemap -o other.splinemap
+expect_text "other.splinemap exists; --force replaces it" err
+ln fleet.splinemap link.splinemap
+for out in ./fleet.splinemap link.splinemap; do
+  expect 2 splinemap merge namesake.splinemap fleet.splinemap -o $out --force
+  expect_text "is read and cannot be written" err
+  expect 2 splinemap remove fleet.splinemap robot-1 -o $out --force
+  expect 2 splinemap flatten fleet.splinemap -o $out --force
+done
+splinemapd --map used.splinemap --scan LASER --pose POSE --lcm-url memq:// 2> daemon.log &
+daemon=$!
+await splinemap info used.splinemap
+expect 1 splinemap merge fleet.splinemap -o used.splinemap --force
+expect_text "used.splinemap is in use" err
+expect 0 splinemap merge fleet.splinemap used.splinemap -o x.splinemap --force  # which can be read
+kill "$daemon"
+wait "$daemon" || fail "the daemon failed: $(cat daemon.log)"
+# A limit on the size of a file stands in for a full disk: what was there stays.
+cp other.splinemap before.splinemap
+(
+  trap '' XFSZ
+  ulimit -f 64
+  expect 1 splinemap merge fleet.splinemap namesake.splinemap -o other.splinemap --force
+)
+cmp other.splinemap before.splinemap || fail "a failed merge changed a file"
+[[ -z $(find . -name '*.part*') ]] || fail "left behind: $(ls)"
+
+# --- the recorded drives
+if [[ ! -d $shared_data ]]; then
+  echo "merging: recorded drives skipped, the shared data folder is not there"
+  exit 0
+fi
+# drive LOG SCAN POSE COUNT..
+drive() {
+  local log=$1 scan=$2 pose=$3 count
+  shift 3
+  [[ $choice == all ]] && set -- 2 5 20
+  for count in "$@"; do
+    robots "$log" "$count" "$scan" "$pose"
+    orders "$count"
+    [[ $choice$count != 2 ]] || continue  # office and Intel will do
+    without_one
+  done
+  echo "merging: $(basename "$log" .lcmlog) shared among $* robots"
+}
+choice=${2:-}
+for name in intel csail aces freiburg-079 belgioioso; do
+  splinemap import-carmen "$shared_data/carmen/$name-corrected.log.gz" $name.lcmlog 2> /dev/null
+done
+drive intel.lcmlog LASER POSE 20
+drive csail.lcmlog LASER POSE 2
+drive aces.lcmlog LASER POSE 2
+drive freiburg-079.lcmlog LASER POSE 2
+drive belgioioso.lcmlog LASER POSE 2
+drive "$shared_data/lcm/convex_arena.lcmlog" RPLIDAR_LASER SLAM_POSE 2
+drive "$shared_data/lcm/sweep_square.lcmlog" LIDAR SLAM_POSE 2
+drive "$shared_data/lcm/odometry_square.lcmlog" LIDAR ODOMETRY 2

@@ -1,0 +1,42 @@
+// decide MAP NAME [muted] [I J]: saves in the map file that the layer NAME is not summed, or
+// shifted by I, J knots; with neither, that it is summed as it is.
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include "lib/base/random.h"
+#include "lib/base/status.h"
+#include "lib/store/map_file.h"
+
+namespace splinemap {
+namespace {
+
+absl::Status Decide(const std::string& path, const std::string& name,
+                    const std::vector<std::string>& words) {
+  SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(path));
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, file.Load());
+  MapSnapshot map = *loaded.map;
+  for (const LayerSnapshot& layer : map.layers) {
+    if (layer.id.name != name) continue;
+    LayerControl control = map.controls.Next(layer.id, RandomId());
+    control.muted = !words.empty() && words.front() == "muted";
+    control.shift = {};
+    if (words.size() == 2) control.shift = {std::stoi(words[0]), std::stoi(words[1])};
+    map.controls.Take(layer.id, control);
+  }
+  SPLINEMAP_RETURN_IF_ERROR(file.Save(map));
+  return file.Close();
+}
+
+}  // namespace
+}  // namespace splinemap
+
+int main(int argc, char** argv) {
+  const std::vector<std::string> words(argv + 1, argv + argc);
+  if (words.size() < 2) return 2;
+  const absl::Status status =
+      splinemap::Decide(words[0], words[1], {words.begin() + 2, words.end()});
+  if (!status.ok()) std::fprintf(stderr, "%s\n", splinemap::ErrorText(status).c_str());
+  return status.ok() ? 0 : 1;
+}
