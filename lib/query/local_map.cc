@@ -37,6 +37,14 @@ std::shared_ptr<const MapSnapshot> LocalMap::Snapshot() const {
   return map_;
 }
 
+std::shared_ptr<const LocalMap> LocalMap::Keep() const {
+  auto kept = std::make_shared<LocalMap>(Snapshot());
+  MutexLock lock(bounds_mutex_);
+  MutexLock kept_lock(kept->bounds_mutex_);
+  if (bounded_.map == kept->Snapshot()) kept->bounded_ = bounded_;
+  return kept;
+}
+
 LocalMap::BoundedMap LocalMap::Bounded() const {
   MutexLock lock(bounds_mutex_);
   if (auto map = Snapshot(); bounded_.map != map) {

@@ -21,6 +21,8 @@ class LocalMap : public QueryableMap {
   // Later queries are about this map. Fast where it is a later snapshot of the same Map.
   void Show(std::shared_ptr<const MapSnapshot> map);
   std::shared_ptr<const MapSnapshot> Snapshot() const;
+  // The present map for ever, with what was made for queries about it.
+  std::shared_ptr<const LocalMap> Keep() const;
 
   absl::StatusOr<PointsQuery::Answer> Ask(const PointsQuery& query) const override;
   absl::StatusOr<RaysQuery::Answer> Ask(const RaysQuery& query) const override;

@@ -113,12 +113,9 @@ const LocalMap& QueryServer::MapFor(const request_t& head) {
   if (const auto pin = std::find_if(pins_.begin(), pins_.end(), is_for); pin != pins_.end()) {
     pin->last_used = now;
     std::rotate(pin, pin + 1, pins_.end());
-    Pin& used = pins_.back();
-    if (used.snapshot == newest_.Snapshot()) return newest_;
-    if (!used.map) used.map = std::make_unique<const LocalMap>(used.snapshot);
-    return *used.map;
+    return pins_.back().map ? *pins_.back().map : newest_;
   }
-  newest_.Show(replier_.take_snapshot());
+  ShowNewest();
   if (head.query == 0) return newest_;
   const auto is_of_client = [&](const Pin& pin) { return pin.client == head.client; };
   if (std::count_if(pins_.begin(), pins_.end(), is_of_client) >= kMaxPinsOfClient) {
@@ -126,8 +123,20 @@ const LocalMap& QueryServer::MapFor(const request_t& head) {
   } else if (pins_.size() >= kMaxPins) {
     pins_.pop_front();
   }
-  pins_.push_back({head.client, head.query, now, newest_.Snapshot(), nullptr});
+  pins_.push_back({head.client, head.query, now, nullptr});
   return newest_;
+}
+
+void QueryServer::ShowNewest() {
+  auto map = replier_.take_snapshot();
+  if (map == newest_.Snapshot()) return;
+  std::shared_ptr<const LocalMap> kept;
+  for (Pin& pin : pins_) {
+    if (pin.map) continue;
+    if (!kept) kept = newest_.Keep();
+    pin.map = kept;
+  }
+  newest_.Show(std::move(map));
 }
 
 }  // namespace splinemap

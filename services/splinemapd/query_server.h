@@ -46,9 +46,8 @@ class QueryServer {
     int64_t client = 0;
     int64_t query = 0;
     std::chrono::steady_clock::time_point last_used;
-    std::shared_ptr<const MapSnapshot> snapshot;
-    // Made when it is asked for and newest_ has gone on: most queries are answered before.
-    std::unique_ptr<const LocalMap> map;
+    // Null as long as that is what newest_ shows.
+    std::shared_ptr<const LocalMap> map;
   };
 
   void Refuse(const request_t& head, absl::Span<const uint8_t> message, absl::Status why)
@@ -57,6 +56,7 @@ class QueryServer {
   void Answer(const QueuedRequest& request);
   // Valid until the next call.
   const LocalMap& MapFor(const request_t& head);
+  void ShowNewest();
 
   const Replier replier_;
   mutable Mutex mutex_;
