@@ -181,7 +181,8 @@ absl::StatusOr<MapSnapshot> Daemon::LoadMap(const std::string& name) {
   }
   // A start takes the next incarnation, so that nothing of an earlier life is taken for new.
   const LayerEpoch epoch{own->epoch.incarnation + 1, RandomId()};
-  if (const LayerControl& control = map.controls.Of(own->id); control.IsRemoved(epoch)) {
+  const LayerControl& control = map.controls.Of(own->id);
+  if (control.IsRemoved(epoch) && config_.service().remote_commands()) {
     map_->AddLayer(own->id, {control.removed_up_to + 1, RandomId()});
   } else {
     map_->ContinueLayer(*own, epoch);

@@ -193,11 +193,19 @@ absl::Status Daemon::DecideAboutLayer(const layer_command_request_t& request) {
   return Save();
 }
 
-// Whoever removed the layer, this daemon's map goes on without what there was.
+// Whoever removed the layer, this daemon's map goes on without what there was; unless it takes no
+// commands from the bus: then it keeps it, though nobody else does.
 absl::Status Daemon::ObeyRemoval() {
   LayerLife life = OwnLife();
   const LayerControl control = keeper_->Controls().Of(life.id);
   if (!control.IsRemoved(life.epoch)) return absl::OkStatus();
+  if (!config_.service().remote_commands()) {
+    Report({.subject = "removed",
+            .text = fmt::format("somebody removed the layer {}, and followers ignore it; here it "
+                                "is kept, because of --no-remote-commands",
+                                life.id.name)});
+    return absl::OkStatus();
+  }
   life.epoch = {control.removed_up_to + 1, RandomId()};
   SPLINEMAP_RETURN_IF_ERROR(BeginLife(life, /*is_empty=*/true));
   Report({.subject = "removed",

@@ -60,6 +60,21 @@ class DaemonTest : public testing::Test {
     }
   }
 
+  // As anybody on the bus may do it.
+  void PublishRemoval() {
+    const LayerId id = SavedMap()->layers[0].id;
+    control_records_t records{};
+    records.hash = 1;
+    records.num_records = 1;
+    layer_control_t& record = records.records.emplace_back();
+    record = {};
+    record.name = id.name;
+    record.origin = static_cast<int64_t>(id.origin);
+    record.counter = 1;
+    record.removed_up_to = (1 << 20) - 1;
+    bus_->Publish("SPLINEMAP_CONTROL", records);
+  }
+
   // The newest status that `is_right`, waiting for it up to ten seconds.
   template <typename Condition>
   status_t AwaitStatus(Condition is_right) {
@@ -170,6 +185,34 @@ TEST_F(DaemonTest, AMapOfAnotherKnotIntervalIsRefusedInWords) {
       << status;
   config_.mutable_method()->clear_knot_interval_m();
   EXPECT_TRUE(Daemon::Start(config_, *LcmBus::Open("memq://")).ok()) << "unset: as the file says";
+}
+
+TEST_F(DaemonTest, ALayerThatSomebodyRemovedGoesOnEmpty) {
+  Start();
+  Drive(30);
+  AwaitStatus([](const status_t& s) { return s.revision == 30; });
+  PublishRemoval();
+  const status_t status = AwaitStatus([](const status_t& s) { return s.tiles == 0; });
+  EXPECT_EQ(status.incarnation, int64_t{1} << 20);
+  EXPECT_EQ(SavedMap()->merged.size(), 0u) << "on disk first";
+  Drive(10, 100'000);
+  ASSERT_TRUE(daemon_->Stop().ok());
+  EXPECT_GT(SavedMap()->merged.size(), 0u);
+}
+
+TEST_F(DaemonTest, WithoutRemoteCommandsARemovedLayerStaysOnItsDisk) {
+  config_.mutable_service()->set_remote_commands(false);
+  Start();
+  Drive(30);
+  const int64_t tiles = AwaitStatus([](const status_t& s) { return s.revision == 30; }).tiles;
+  PublishRemoval();
+  AwaitStatus([](const status_t& s) {
+    return s.last_problem.find("somebody removed the layer robot") != std::string::npos;
+  });
+  daemon_.reset();
+  Start();
+  EXPECT_EQ(AwaitStatus([](const status_t&) { return true; }).tiles, tiles);
+  EXPECT_GT(SavedMap()->controls.Of(SavedMap()->layers[0].id).removed_up_to, 0u);
 }
 
 TEST_F(DaemonTest, ErrorsAtTheStartAreReturned) {
