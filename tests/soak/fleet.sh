@@ -124,6 +124,7 @@ same() {  # A B
 }
 layer_hash() { splinemap layers "$1" --json | jq -r ".[] | select(.name == \"$2\") | .hash"; }
 snapshot() { expect 0 on client splinemap snapshot "$@" --timeout 40; }
+# Whoever is heard decides.
 control() { expect 0 on client splinemap control "$@"; }
 
 robots=(robot-{1..5})
@@ -131,7 +132,7 @@ for name in "${robots[@]}" base client; do make_computer "$name" $loss_percent; 
 make_computer observer 0
 
 replay_s=60
-[[ -z $quick ]] || replay_s=12
+[[ -z $quick ]] || replay_s=8
 intel=$shared_data/carmen/intel-corrected.log.gz
 if [[ -z $log ]]; then
   log=$work/drive.lcmlog
@@ -182,9 +183,11 @@ grep -q "is an older copy; it goes on as start" robot-5.log || fail "robot-5: $(
 
 # --- a client that comes last, and the robots' files
 begin_s=$(date +%s.%N)
+on client splinemap snapshot alone_4.splinemap --robot robot-4 --timeout 40 2> alone_4.log &
+alone=$!
 snapshot client.splinemap
 printf '%-52s %8.1f\n' "a client has it" "$(calc "$(date +%s.%N) - $begin_s")"
-snapshot alone_4.splinemap --robot robot-4
+wait "$alone" || fail "robot-4 alone: $(cat alone_4.log)"
 sleep 1.5  # until all have saved
 expect 0 splinemap merge robot-?.splinemap -o merged.splinemap
 same merged.splinemap client.splinemap
@@ -199,15 +202,15 @@ done
 # --- one of five is removed while its robot is away
 expect 0 splinemap merge alone_{1..4}.splinemap -o four.splinemap
 stop robot-5
-control remove robot-5 --robot base
+control remove robot-5
 row "robot-5 is removed, away"
 snapshot without.splinemap
 expect 0 splinemap diff four.splinemap without.splinemap
 
 # --- one is muted, one that left is shifted; the removed one and one that missed it come back
 stop robot-4
-control mute robot-1 --robot robot-3
-control shift robot-2 7 -40 --robot base
+control mute robot-1
+control shift robot-2 7 -40
 start robot-{2,4,5}
 row "muted, shifted; robots 2, 4, 5 come back"
 grep -q "removed the layer robot-5; it goes on empty" robot-5.log ||
