@@ -9,7 +9,7 @@ BUILD_PACKAGES=(
 )
 DEMO_PACKAGES=(jq iproute2)
 TEST_PACKAGES=(
-  libgtest-dev jq iproute2 sqlite3 python3 libompl-dev
+  libgtest-dev jq iproute2 nftables sqlite3 python3 libompl-dev
   default-jdk liblcm-java libjchart2d-java libxmlgraphics-commons-java libjide-oss-java
   libzstd-jni-java xvfb xdotool
 )

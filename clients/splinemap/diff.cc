@@ -96,6 +96,7 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
   for (const LayerSnapshot& layer : a.layers) {
     const LayerSnapshot* other = Counterpart(layer.id, a.layers, b.layers, taken);
     if (other == nullptr) {
+      if (layer.tiles.size() == 0) continue;
       std::printf("layer %s: only in %s\n", layer.id.name.c_str(), path_a.c_str());
       equal = false;
       continue;
@@ -115,7 +116,7 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
     equal = false;
   }
   for (const LayerSnapshot& layer : b.layers) {
-    if (taken.contains(&layer)) continue;
+    if (taken.contains(&layer) || layer.tiles.size() == 0) continue;
     std::printf("layer %s: only in %s\n", layer.id.name.c_str(), path_b.c_str());
     equal = false;
   }
@@ -137,7 +138,8 @@ Example:
   splinemap diff live.splinemap offline.splinemap && echo the same map
 
 Compares content: layers by name, control points, and which layers are muted or shifted. Ignores
-incarnations, nonces and times; says which layers only one of the maps knows to be removed.
+incarnations, nonces, times and layers without tiles; says which layers only one of the maps knows to
+be removed.
 Exit status: 0 equal, 1 different or failed, 2 usage.)";
 
 }  // namespace

@@ -33,6 +33,7 @@ nlohmann::json Counts(const std::vector<std::string>& names, const std::vector<i
 nlohmann::json ToJson(const status_t& status) {
   return {{"utime", status.utime},
           {"name", status.name},
+          {"origin", fmt::format("{:016x}", static_cast<uint64_t>(status.origin))},
           {"incarnation", status.incarnation},
           {"uptime_s", status.uptime_s},
           {"messages_received", status.messages_received},

@@ -10,6 +10,7 @@
 #include "fmt/format.h"
 #include "lib/replication/channels.h"
 #include "lib/wire/decode.h"
+#include "lib/wire/encode.h"
 
 namespace splinemap {
 namespace {
@@ -18,6 +19,7 @@ using std::chrono::milliseconds;
 
 constexpr size_t kMaxLayers = 256;
 constexpr size_t kMaxRefused = 16;
+constexpr size_t kMaxOwnListings = 64;  // of what may still be under way
 // A layer that nobody has spoken for in so long is not said to be in sync.
 constexpr double kMaxSilence_s = 3.5;
 // Who does not keep layers leaves it to those who do to stand in.
@@ -100,6 +102,8 @@ void MapFollower::HandleMessage(absl::Span<const uint8_t> message, Clock::time_p
       });
       break;
     case MessageType::kLayerListing:
+      is_good = IsOwnListing(message);
+      if (is_good) break;
       take(DecodeLayerListing(message), [&](const auto& listing) {
         if (LayerFollower* copy = copy_of(listing.layer)) copy->TakeListing(listing, now);
       });
@@ -117,6 +121,13 @@ void MapFollower::HandleMessage(absl::Span<const uint8_t> message, Clock::time_p
       break;
   }
   malformed_ += is_good ? 0 : 1;
+}
+
+// Of two stand-ins of one revision each asks what the other one has; its own answer comes back
+// first and would tell it that nothing differs.
+bool MapFollower::IsOwnListing(absl::Span<const uint8_t> message) const {
+  return std::any_of(own_listings_.begin(), own_listings_.end(),
+                     [&](const std::vector<uint8_t>& own) { return message == own; });
 }
 
 MapFollower::Followed* MapFollower::Find(const layer_epoch_t& layer) {
@@ -291,6 +302,10 @@ std::vector<MapFollower::Message> MapFollower::Tick(Clock::time_point now) {
     // What a namesake has replaced can be forgotten.
     const bool may_begin = keeper_ || !HasNamesake(id);
     for (StandIn::Message& message : followed.stand_in->Tick(now, may_begin)) {
+      if (const auto* listing = std::get_if<layer_listing_t>(&message)) {
+        own_listings_.push_back(Encode(*listing));
+        if (own_listings_.size() > kMaxOwnListings) own_listings_.pop_front();
+      }
       std::visit([&](auto& m) { messages.emplace_back(std::move(m)); }, message);
     }
   }

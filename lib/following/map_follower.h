@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <memory>
 #include <optional>
@@ -126,6 +127,7 @@ class MapFollower {
   void TakeDigest(const layer_digest_t& digest, Clock::time_point now);
   void TakeStandInDigest(const stand_in_digest_t& stand_in, Clock::time_point now);
   void TakePull(const layer_pull_t& pull, Clock::time_point now);
+  bool IsOwnListing(absl::Span<const uint8_t> message) const;
   Followed* Find(const layer_epoch_t& layer);
   LayerFollower::Part PartFor(const LayerId& id) const;
   void Add(const LayerId& id, LayerFollower copy);
@@ -145,7 +147,8 @@ class MapFollower {
   std::optional<MapOptions> map_options_;
   std::map<LayerId, Followed> layers_;  // in an order that is the same for every follower
   ControlGossip gossip_;
-  std::map<LayerId, std::string> refused_;  // why
+  std::map<LayerId, std::string> refused_;         // why
+  std::deque<std::vector<uint8_t>> own_listings_;  // that it told as a stand-in, of late
   MergedTiles merged_;
   uint64_t version_ = 0;  // beside those of layers_
   int64_t bytes_received_ = 0;

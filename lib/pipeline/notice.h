@@ -19,7 +19,7 @@ enum class Symptom {
   kSilence,           // a channel from which nothing comes
   kLostDatagrams,     // dropped by the system before the daemon could take them
   kSharedIdentity,    // somebody else publishes the daemon's layer
-  kSharedName,        // another layer has the name of the daemon's
+  kSharedName,        // two layers have one name
   kRefusedLayer,      // a layer that cannot be summed
 };
 inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kRefusedLayer) + 1;

@@ -16,6 +16,7 @@ constexpr size_t kMaxWanted = 20'000;
 constexpr size_t kMaxAskedAtOnce = 256;  // tiles and nodes that are asked for and not there yet
 constexpr size_t kNodesPerPull = 100;    // so that a pull is one frame
 constexpr int kMaxAsks = 32;             // then it is no more believed to exist
+constexpr int kMaxAsksOfStandIns = 6;    // what the owner had alone is gone with it
 // Who hears others ask for the same this often without an answer, asks as well.
 constexpr int kMaxPostponed = 10;
 // Who begins again in a lesser life when the owner is gone, because its file is an older copy, is
@@ -361,8 +362,9 @@ std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
   std::vector<layer_pull_t> pulls;
   if (previous_ && now - last_spoken_for_ > kGiveUpLife) GoBackALife();
   if (!in_sync_ || check_) LookForMatch(now);
+  const int max_asks = OwnerIsSilent(now) ? kMaxAsksOfStandIns : kMaxAsks;
   const size_t given_up = absl::erase_if(wanted_, [&](const auto& wanted) {
-    return wanted.second.times_asked >= kMaxAsks && wanted.second.due <= now;
+    return wanted.second.times_asked >= max_asks && wanted.second.due <= now;
   });
   if (given_up > 0) GiveUpCheck();
   size_t asked = 0;

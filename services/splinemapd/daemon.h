@@ -81,6 +81,8 @@ class Daemon {
   absl::StatusOr<MapSnapshot> LoadMap(const std::string& name);
   void Serve(const MapSnapshot& kept);
   void LookAtDigest(absl::Span<const uint8_t> message);
+  // Of one name: each second one is told once.
+  void FindNamesakes(const LayerId& first, const LayerId& second);
   void LookAtPull(absl::Span<const uint8_t> message);
   LayerLife OwnLife();
   void LookAtIdentity();
@@ -136,7 +138,6 @@ class Daemon {
   QueryServer::Counts noticed_queries_;
   size_t noticed_refused_ = 0;
   bool noticed_full_ = false;
-  std::set<LayerId> noticed_namesakes_;
   LayerRoll roll_;
 
   // By channel of the mapper: messages received. Written by the receiving thread.
@@ -146,6 +147,7 @@ class Daemon {
   State state_ ABSL_GUARDED_BY(mutex_);
   NoticeLimiter limiter_ ABSL_GUARDED_BY(mutex_);
   IdentityWatch identity_ ABSL_GUARDED_BY(mutex_);
+  std::set<LayerId> noticed_namesakes_ ABSL_GUARDED_BY(mutex_);
   LayerLife former_life_ ABSL_GUARDED_BY(mutex_);  // whose last messages are still under way
   std::unique_ptr<SummedMap> sum_;                 // of all layers
   uint64_t daemon_nonce_ = 0;                      // of this start, in replies and decisions

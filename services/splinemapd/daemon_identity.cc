@@ -35,11 +35,13 @@ void Daemon::LookAtDigest(absl::Span<const uint8_t> message) {
   const absl::StatusOr<layer_digest_t> digest = DecodeLayerDigest(message);
   if (!digest.ok()) return;
   const LayerLife heard = FromMessage(digest->layer);
-  if (heard.id != own.id || heard.epoch == own.epoch) return;
+  if (heard.id == own.id && heard.epoch == own.epoch) return;
   {
     MutexLock lock(mutex_);
     if (heard == former_life_) return;
   }
+  if (heard.id.name == own.id.name && heard.id != own.id) FindNamesakes(own.id, heard.id);
+  if (heard.id != own.id) return;
   if (heard.epoch < own.epoch) {
     Find(Symptom::kSharedIdentity, "earlier",
          fmt::format("an earlier start of {} is on the bus: a replayed log, or a splinemapd with a "
@@ -49,6 +51,21 @@ void Daemon::LookAtDigest(absl::Span<const uint8_t> message) {
   }
   MutexLock lock(mutex_);
   identity_.TakeDigest(heard, own);
+}
+
+void Daemon::FindNamesakes(const LayerId& first, const LayerId& second) {
+  constexpr size_t kMaxNoticed = 256;
+  {
+    MutexLock lock(mutex_);
+    if (noticed_namesakes_.size() >= kMaxNoticed || !noticed_namesakes_.insert(second).second) {
+      return;
+    }
+  }
+  Find(Symptom::kSharedName, first.name,
+       fmt::format("there are two layers of {}, of the origins {:016x} and {:016x}: two robots of "
+                   "that name, or a map from before a file was begun. Who follows {} sums both; "
+                   "splinemap layers shows them, splinemap control mutes or removes one",
+                   first.name, first.origin, second.origin, first.name));
 }
 
 void Daemon::LookAtPull(absl::Span<const uint8_t> message) {

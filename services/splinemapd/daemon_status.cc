@@ -2,6 +2,8 @@
 
 #include <cmath>
 #include <ctime>
+#include <map>
+#include <string>
 #include <utility>
 
 #include "lib/base/status.h"
@@ -92,16 +94,11 @@ void Daemon::LookAtLayers() {
                      config_.service().max_followed_mb()));
   }
   const auto map = sum_->Snapshot();
-  const LayerId& own = map->layers.front().id;
+  std::map<std::string, LayerId> first;  // of each name
   for (const LayerSnapshot& layer : map->layers) {
-    const LayerId& id = layer.id;
-    if (id == own || id.name != own.name || !noticed_namesakes_.insert(id).second) continue;
-    Find(Symptom::kSharedName, "",
-         fmt::format("there is another layer of {}, origin {:016x}, beside this daemon's, origin "
-                     "{:016x}: another robot of that name, or a map from before this file was "
-                     "begun. Both are in the map; splinemap layers shows them, splinemap control "
-                     "mutes or removes one",
-                     own.name, id.origin, own.origin));
+    if (!map->controls.Of(layer.id).IsSummed()) continue;
+    const auto [other, is_first] = first.try_emplace(layer.id.name, layer.id);
+    if (!is_first) FindNamesakes(other->second, layer.id);
   }
 }
 

@@ -1,11 +1,5 @@
 #include "tests/bench/serving/latency.h"
 
-#include <fcntl.h>
-#include <signal.h>
-#include <spawn.h>
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <atomic>
 #include <fstream>
@@ -21,6 +15,7 @@
 #include "lib/rpc/messages.h"
 #include "lib/simulation/simulation.h"
 #include "lib/wire/encode.h"
+#include "tests/support/child_process.h"
 #include "tests/support/raw_message.h"
 #include "tests/support/temporary_directory.h"
 
@@ -34,31 +29,6 @@ using std::chrono::seconds;
 constexpr char kPing[] = "BENCH_PING";
 constexpr char kPong[] = "BENCH_PONG";
 constexpr seconds kDeadline(20);
-
-// A program that runs as long as this lives, silently.
-class Process {
- public:
-  explicit Process(std::vector<std::string> arguments) {
-    std::vector<char*> argv;
-    for (std::string& argument : arguments) argv.push_back(argument.data());
-    argv.push_back(nullptr);
-    posix_spawn_file_actions_t actions;
-    posix_spawn_file_actions_init(&actions);
-    posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
-    if (posix_spawn(&pid_, argv[0], &actions, nullptr, argv.data(), environ) != 0) pid_ = 0;
-    posix_spawn_file_actions_destroy(&actions);
-  }
-  ~Process() {
-    if (pid_ == 0) return;
-    kill(pid_, SIGTERM);
-    waitpid(pid_, nullptr, 0);
-  }
-  Process(const Process&) = delete;
-  Process& operator=(const Process&) = delete;
-
- private:
-  pid_t pid_ = 0;
-};
 
 template <typename Condition>
 bool Await(Condition condition) {
@@ -113,7 +83,7 @@ absl::StatusOr<std::vector<double>> TimeEcho(const std::vector<Reading>& reading
   SPLINEMAP_ASSIGN_OR_RETURN(const auto bus, LcmBus::Open(""));
   bool is_back = false;
   bus->Subscribe(kPong, [&](const std::string&, absl::Span<const uint8_t>) { is_back = true; });
-  const Process echo({"/proc/self/exe", "--echo"});
+  const ChildProcess echo({"/proc/self/exe", "--echo"});
   const auto is_echoed = [&](const bot_core::planar_lidar_t& scan) {
     is_back = false;
     bus->Publish(kPing, scan);
@@ -178,8 +148,8 @@ absl::StatusOr<std::vector<double>> TimeServing(const std::vector<Reading>& read
   std::ofstream(folder.File("config")) << "service { " << service << " }";
   SPLINEMAP_ASSIGN_OR_RETURN(const auto bus, LcmBus::Open(""));
   SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow("", {}));
-  const Process daemon({SPLINEMAPD_PROGRAM, "--config", folder.File("config"), "--map",
-                        folder.File("map"), "--scan", "LASER", "--pose", "POSE"});
+  const ChildProcess daemon({SPLINEMAPD_PROGRAM, "--config", folder.File("config"), "--map",
+                             folder.File("map"), "--scan", "LASER", "--pose", "POSE"});
   if (!Await([&] { return !replica->Snapshot()->layers.empty(); })) {
     return Unavailable("no daemon");
   }
@@ -230,7 +200,7 @@ absl::StatusOr<Figures> TimeAsking(const PointsQuery& query, const MapClient& cl
   SPLINEMAP_ASSIGN_OR_RETURN(const auto bus, LcmBus::Open(""));
   size_t num_back = 0;
   bus->Subscribe(kPong, [&](const std::string&, absl::Span<const uint8_t>) { ++num_back; });
-  const Process echo({"/proc/self/exe", "--echo"});
+  const ChildProcess echo({"/proc/self/exe", "--echo"});
   const std::vector<RawMessage> messages = MessagesLike(query);
   const auto are_echoed = [&] {
     size_t num_sent = num_back = 0;
@@ -266,7 +236,7 @@ absl::StatusOr<Figures> TimeAsking(const PointsQuery& query, const MapClient& cl
 absl::StatusOr<std::vector<Figures>> MeasureAsking(int repetitions) {
   const TemporaryDirectory folder;
   SPLINEMAP_ASSIGN_OR_RETURN(const auto bus, LcmBus::Open(""));
-  const Process daemon(
+  const ChildProcess daemon(
       {SPLINEMAPD_PROGRAM, "--map", folder.File("map"), "--scan", "LASER", "--pose", "POSE"});
   ClientOptions options;
   options.deadline = kDeadline;

@@ -1,0 +1,114 @@
+#include "tests/bench/fleet/robot_fleet.h"
+
+#include <chrono>
+#include <string>
+#include <variant>
+
+#include "fmt/format.h"
+#include "lib/config/config.h"
+#include "lib/map/tile_update.h"
+#include "lib/replication/channels.h"
+#include "lib/wire/decode.h"
+
+namespace splinemap::bench {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr milliseconds kScanInterval(100);
+constexpr milliseconds kTick(10);
+constexpr int kTicks = kScanInterval / kTick;
+constexpr double kHeaderBytes = 8 + sizeof("SPLINEMAP_UPDATES");  // of LCM
+
+}  // namespace
+
+RobotFleet::Robot::Robot(int number, const MapOptions& options, size_t first_scan)
+    : map(options),
+      layer(map.AddLayer({fmt::format("robot-{}", number), static_cast<uint64_t>(number) + 1},
+                         {1, 1})),
+      publisher(layer.Snapshot(), options, {}),
+      next_scan(first_scan) {}
+
+RobotFleet::RobotFleet(int robots, const Workload& workload, LcmBus& bus)
+    : workload_(workload),
+      bus_(bus),
+      options_(MapOptionsOf({})),
+      model_(BeamModelOptionsOf({}), options_.knot_interval_m) {
+  for (int k = 0; k < robots; ++k) {
+    const size_t first_scan = workload.scans.size() * k / robots;
+    robots_.push_back(std::make_unique<Robot>(k, options_, first_scan));
+  }
+  bus_.Subscribe(std::string("SPLINEMAP") + kPullChannel,
+                 [this](const std::string&, absl::Span<const uint8_t> message) {
+                   const auto pull = DecodeLayerPull(message);
+                   if (!pull.ok()) return;
+                   MutexLock lock(mutex_);
+                   for (const auto& robot : robots_) robot->publisher.TakePull(*pull, Clock::now());
+                 });
+  running_ = std::jthread([this](const std::stop_token& stop) { Run(stop); });
+}
+
+void RobotFleet::Run(const std::stop_token& stop) {
+  auto next = Clock::now();
+  for (int64_t round = 0; !stop.stop_requested(); ++round, next += kTick) {
+    std::this_thread::sleep_until(next);
+    MutexLock lock(mutex_);
+    const auto now = Clock::now();
+    totals_.late_rounds += now - next > milliseconds(50) ? 1 : 0;
+    for (size_t k = 0; k < robots_.size(); ++k) {
+      Robot& robot = *robots_[k];
+      const bool is_due = round % kTicks == static_cast<int64_t>(k) % kTicks;
+      if (is_due && !is_resting_) MapNextScan(robot);
+      Publish(robot.publisher.Tick(now));
+    }
+  }
+}
+
+void RobotFleet::MapNextScan(Robot& robot) {
+  model_.Accumulate(Place(workload_.scans[robot.next_scan]), scratch_);
+  scratch_.CommitTo(robot.layer, options_.limits);
+  robot.next_scan = (robot.next_scan + 1) % workload_.scans.size();
+  const LayerSnapshot snapshot = robot.layer.Snapshot();
+  snapshot.tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
+    totals_.changed_tiles += entry.revision == snapshot.revision ? 1 : 0;
+  });
+  robot.publisher.SetLayer(snapshot, Clock::now());
+}
+
+void RobotFleet::Publish(const std::vector<PublishedMessage>& messages) {
+  for (const PublishedMessage& message : messages) {
+    std::visit(
+        [&](const auto& m) {
+          totals_.bytes += static_cast<int64_t>(kHeaderBytes) + m.getEncodedSize();
+          bus_.Publish(std::string("SPLINEMAP") + ChannelOf(m), m);
+        },
+        message);
+    ++totals_.messages;
+  }
+}
+
+RobotFleet::Totals RobotFleet::totals() const {
+  MutexLock lock(mutex_);
+  Totals totals = totals_;
+  for (const auto& robot : robots_) totals.tiles += robot->layer.tiles().size();
+  return totals;
+}
+
+void RobotFleet::Rest() {
+  MutexLock lock(mutex_);
+  is_resting_ = true;
+}
+
+std::vector<int64_t> RobotFleet::Hashes() const {
+  MutexLock lock(mutex_);
+  std::vector<int64_t> hashes;
+  for (const auto& robot : robots_) {
+    uint64_t hash = 0;
+    robot->layer.tiles().ForEach(
+        [&](TileKey key, const TileTree::Entry& entry) { hash += TileChecksum(key, *entry.tile); });
+    hashes.push_back(static_cast<int64_t>(hash));
+  }
+  return hashes;
+}
+
+}  // namespace splinemap::bench

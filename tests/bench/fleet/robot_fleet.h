@@ -1,0 +1,65 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include "lib/base/mutex.h"
+#include "lib/map/map.h"
+#include "lib/mapping/beam_model.h"
+#include "lib/mapping/scan_scratch.h"
+#include "lib/replication/levels_publisher.h"
+#include "lib/wire/lcm_bus.h"
+#include "tests/bench/speed/workload.h"
+
+namespace splinemap::bench {
+
+// Robots that map a drive and publish their layers as daemons do, all in one process, 10 scans a
+// second each, at different places of the drive. A thread of its own. Thread-safe.
+class RobotFleet {
+ public:
+  // `workload` and `bus` outlive this.
+  RobotFleet(int robots, const Workload& workload, LcmBus& bus);
+
+  struct Totals {
+    int64_t messages = 0;
+    int64_t bytes = 0;  // of whole LCM messages
+    int64_t changed_tiles = 0;
+    int64_t late_rounds = 0;  // that began 50 ms late or more
+    size_t tiles = 0;         // that the layers have
+  };
+  Totals totals() const;
+
+  // No more scans; all that is asked for is still answered.
+  void Rest();
+  // Of each layer, as in layer_status_t.
+  std::vector<int64_t> Hashes() const;
+
+ private:
+  struct Robot {
+    Robot(int number, const MapOptions& options, size_t first_scan);
+
+    Map map;
+    Layer& layer;
+    LevelsPublisher publisher;
+    size_t next_scan;
+  };
+
+  void Run(const std::stop_token& stop);
+  void MapNextScan(Robot& robot) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Publish(const std::vector<PublishedMessage>& messages) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+
+  const Workload& workload_;
+  LcmBus& bus_;
+  const MapOptions options_;
+  BeamModel model_;
+  ScanScratch scratch_;
+  mutable Mutex mutex_;
+  std::vector<std::unique_ptr<Robot>> robots_ ABSL_GUARDED_BY(mutex_);
+  Totals totals_ ABSL_GUARDED_BY(mutex_);
+  bool is_resting_ ABSL_GUARDED_BY(mutex_) = false;
+  std::jthread running_;
+};
+
+}  // namespace splinemap::bench
