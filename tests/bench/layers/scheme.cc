@@ -156,7 +156,10 @@ MapSnapshot Merge(const LayersOfRobots& layers, const Scheme& scheme,
       tile.control_points[k] = ClampTouched(static_cast<int32_t>(std::lround(sum)), limits);
     }
   }
-  return {{kKnotInterval_m, limits}, {}, merged.Freeze()};
+  MapSnapshot map;
+  map.options = {kKnotInterval_m, limits};
+  map.merged = merged.Freeze();
+  return map;
 }
 
 }  // namespace splinemap
