@@ -33,47 +33,19 @@ lcm-gen -j mine_t.lcm
 javac -cp /usr/share/java/lcm.jar mine/mine_t.java
 jar cf mine.jar mine/mine_t.class
 
-# What a log of the bus has: its last word of the layers that the daemon `robot` knows, and all
-# channels so far. "row CHANNEL" tells the row of lcm-spy's table, which has one a channel, by name;
-# "decide NAME [FIELD=VALUE..]" writes a log with a decision about a layer.
-lcm-gen -p "$top"/lcmtypes/splinemap/{control_records_t,layer_control_t,layers_t,layer_status_t}.lcm
-cat > bus.py << 'EOT'
-import struct, sys, time
-from splinemap import control_records_t, layer_control_t, layers_t
+# The row of a channel in lcm-spy's table, which has one a channel, by name; all are in a log.
+cat > row.py << 'EOT'
+import struct, sys
 
-data, at, channels, layers = open("heard.lcmlog", "rb").read(), 0, set(), []
+data, at, channels = open("heard.lcmlog", "rb").read(), 0, set()
 while at + 28 <= len(data):
     name_size, size = struct.unpack_from(">II", data, at + 20)
-    end = at + 28 + name_size + size
-    if end > len(data):
+    if at + 28 + name_size + size > len(data):
         break  # it is being written
-    name = data[at + 28:at + 28 + name_size].decode()
-    channels.add(name)
-    if name == "SPLINEMAP_LAYERS":
-        message = layers_t.decode(data[end - size:end])
-        layers = message.layers if message.name == "robot" else layers
-    at = end
-
-if sys.argv[1] == "row":
-    print(sorted(channels).index(sys.argv[2]))
-else:
-    layer = next(layer for layer in layers if layer.name == sys.argv[2])
-    control = layer_control_t()
-    control.name, control.origin, control.counter = layer.name, layer.origin, time.time_ns()
-    for field, value in (argument.split("=") for argument in sys.argv[3:]):
-        setattr(control, field, int(value))
-    records = control_records_t()
-    records.num_records, records.records = 1, [control]
-    channel, content = b"SPLINEMAP_CONTROL", records.encode()
-    with open("decision.lcmlog", "wb") as log:
-        log.write(struct.pack(">IqqII", 0xEDA1DA01, 0, 0, len(channel), len(content)))
-        log.write(channel + content)
+    channels.add(data[at + 28:at + 28 + name_size])
+    at += 28 + name_size + size
+print(sorted(channels).index(sys.argv[1].encode()))
 EOT
-# decide NAME [FIELD=VALUE..]: as soon as the daemon knows the layer.
-decide() {
-  await python3 bus.py decide "$@"
-  lcm-logplayer decision.lcmlog > /dev/null
-}
 
 expect 0 splinemap simulate drive.lcmlog
 expect 0 splinemap build drive.lcmlog --scan LASER --pose POSE --out drive.splinemap
@@ -114,13 +86,19 @@ is_open() {
 # is_open_of CHANNEL TITLE
 is_open_of() {
   local row
-  row=$(python3 bus.py row "$1") && is_open "$2" "LCM Spy" 60 $((28 + 16 * row))
+  row=$(python3 row.py "$1") && is_open "$2" "LCM Spy" 60 $((28 + 16 * row))
 }
 await is_open_of SPLINEMAP_STATUS SPLINEMAP_STATUS
 await is_open utime SPLINEMAP_STATUS 60 35  # a chart of a field: the message was decoded
 
-# Whoever opens the map later has not heard the decision, nor the layer's owner.
-decide room yields=1 shift_i=90 shift_j=80
+# Whoever opens the map later has not heard the decisions, nor the layer's owner.
+knows_room() {
+  splinemap layers --live --json |
+    jq -e '.robot.layers[] | select(.name == "room" and .state == "live")'
+}
+await knows_room
+expect 0 splinemap control yield robot
+expect 0 splinemap control shift room 90 80
 kill "$room"
 wait "$room" || fail "the room's daemon: $(cat room.log)"
 
@@ -139,12 +117,13 @@ shows() {
   java "$top/tests/integration/MapWindow.java" "$X" "$Y" "$WIDTH" "$HEIGHT" map.png > shown.log ||
     fail "$1: $(cat shown.log)"
 }
-expect 0 splinemap snapshot sum.splinemap --robot robot --robot room
+# From the log: who follows the bus would ask for the decisions, and lcm-spy hear them, too.
+await splinemap snapshot --log heard.lcmlog sum.splinemap --robot robot --robot room --force
 shows sum.splinemap
-decide robot muted=1
+expect 0 splinemap control mute robot
 shows room.splinemap
-decide room removed_up_to=2  # as many starts as there were
-decide robot muted=0
+expect 0 splinemap control remove room
+expect 0 splinemap control unmute robot
 shows drive.splinemap
 
 kill -0 "$spy_pid" || fail "lcm-spy ended: $(cat spy.log)"
