@@ -26,7 +26,7 @@ final class MapFollower implements AutoCloseable {
     this.prefix = prefix;
     lcm = new LCM();
     subscribe("_DIGESTS", message -> map.takeDigest(Messages.digest(message), nowMs()));
-    subscribe("_DIGESTS",
+    subscribe("_STAND_INS",
               message -> map.takeStandInDigest(Messages.standInDigest(message), nowMs()));
     subscribe("_CONTROL", message -> map.takeControls(Messages.controls(message)));
     subscribe("_UPDATES", message -> map.takeUpdates(Messages.updates(message)));

@@ -25,7 +25,7 @@ struct Found {
   uint64_t incarnation = 0;
 };
 
-// The layer, and a daemon that has it.
+// The layer, and a daemon that has it. NotFound where none was heard that does.
 absl::StatusOr<Found> FindLayer(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<layers_t> daemons, ListenToLayers(flags.live));
   std::vector<Found> found;
@@ -46,9 +46,9 @@ absl::StatusOr<Found> FindLayer(const Flags& flags) {
   std::sort(names.begin(), names.end());
   names.erase(std::unique(names.begin(), names.end()), names.end());
   if (found.empty()) {
-    return InvalidArgument("no daemon{} has a layer {}; there are: {}",
-                           flags.robot.empty() ? "" : " of robot " + flags.robot, flags.layer,
-                           fmt::join(names, ", "));
+    return NotFound("no daemon{} has a layer {}; there are: {}",
+                    flags.robot.empty() ? "" : " of robot " + flags.robot, flags.layer,
+                    fmt::join(names, ", "));
   }
   names.clear();
   for (const Found& layer : found) names.push_back(NameOf(layer.id));
@@ -57,7 +57,11 @@ absl::StatusOr<Found> FindLayer(const Flags& flags) {
 }
 
 absl::StatusOr<int> Decide(const std::string& command, const Flags& flags) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const Found layer, FindLayer(flags));
+  absl::StatusOr<Found> found = FindLayer(flags);
+  // What daemons say may get lost.
+  for (int n = 0; n < 3 && absl::IsNotFound(found.status()); ++n) found = FindLayer(flags);
+  SPLINEMAP_RETURN_IF_ERROR(found.status());
+  const Found& layer = *found;
   ClientOptions options;
   options.channel_prefix = flags.live.channel_prefix;
   options.robot = layer.daemon;

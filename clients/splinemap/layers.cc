@@ -33,12 +33,15 @@ nlohmann::json ToJson(const std::vector<LayerLine>& lines) {
 
 absl::StatusOr<int> LayersOfDaemons(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<layers_t> daemons, ListenToLayers(flags.bus));
-  nlohmann::json json = nlohmann::json::object();
+  nlohmann::json json = nlohmann::json::array();
   for (const layers_t& daemon : daemons) {
     std::vector<LayerLine> lines;
     for (const layer_status_t& layer : daemon.layers) lines.push_back(LineOf(layer));
     if (flags.json) {
-      json[daemon.name] = {{"layers", ToJson(lines)}, {"refused", daemon.refused}};
+      json.push_back({{"daemon", daemon.name},
+                      {"daemon_nonce", fmt::format("{:016x}", daemon.daemon_nonce)},
+                      {"layers", ToJson(lines)},
+                      {"refused", daemon.refused}});
       continue;
     }
     fmt::print("{}:\n{}", absl::Utf8SafeCHexEscape(daemon.name), TableOf(lines));

@@ -65,9 +65,8 @@ MapFollower::MapFollower(FollowOptions options, Keeper keeper, const MapSnapshot
 
 std::vector<std::string> MapFollower::Channels() const {
   std::vector<std::string> channels;
-  for (const char* suffix :
-       {kDigestChannel, kUpdateChannel, kListingChannel, kPullChannel, kControlChannel}) {
-    channels.push_back(options_.channel_prefix + suffix);
+  for (const char* channel : kFollowedChannels) {
+    channels.push_back(options_.channel_prefix + channel);
   }
   return channels;
 }

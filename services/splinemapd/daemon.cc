@@ -74,11 +74,11 @@ void Daemon::Serve(const MapSnapshot& kept) {
       std::chrono::duration_cast<milliseconds>(Duration(service.push_interval_ms()));
   const uint64_t nonce = RandomId();
   // First, since on tcpq subscribing and publishing at once, by a server's thread, is no good.
-  for (const char* suffix :
-       {kDigestChannel, kUpdateChannel, kListingChannel, kPullChannel, kControlChannel}) {
-    bus_->Subscribe(prefix + suffix,
+  for (const char* followed : kFollowedChannels) {
+    bus_->Subscribe(prefix + followed,
                     [this](const std::string& channel, absl::Span<const uint8_t> message) {
                       if (channel.ends_with(kDigestChannel)) LookAtDigest(message);
+                      if (channel.ends_with(kStandInChannel)) LookAtStandIn(message);
                       if (channel.ends_with(kPullChannel)) {
                         LookAtPull(message);
                         server_->TakePull(message);

@@ -83,6 +83,7 @@ class Daemon {
   void LookAtDigest(absl::Span<const uint8_t> message);
   // Of one name: each second one is told once.
   void FindNamesakes(const LayerId& first, const LayerId& second);
+  void LookAtStandIn(absl::Span<const uint8_t> message);
   void LookAtPull(absl::Span<const uint8_t> message);
   LayerLife OwnLife();
   void LookAtIdentity();

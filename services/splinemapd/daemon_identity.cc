@@ -26,12 +26,6 @@ LayerLife Daemon::OwnLife() {
 // Followers take the later of two lives of a layer for the layer.
 void Daemon::LookAtDigest(absl::Span<const uint8_t> message) {
   const LayerLife own = OwnLife();
-  // Somebody keeps this layer, since its owner was away, and may have it in a later life.
-  if (const auto stand_in = DecodeStandInDigest(message); stand_in.ok()) {
-    MutexLock lock(mutex_);
-    identity_.TakePull(FromMessage(stand_in->digest.layer), own, Clock::now());
-    return;
-  }
   const absl::StatusOr<layer_digest_t> digest = DecodeLayerDigest(message);
   if (!digest.ok()) return;
   const LayerLife heard = FromMessage(digest->layer);
@@ -66,6 +60,15 @@ void Daemon::FindNamesakes(const LayerId& first, const LayerId& second) {
                    "that name, or a map from before a file was begun. Who follows {} sums both; "
                    "splinemap layers shows them, splinemap control mutes or removes one",
                    first.name, first.origin, second.origin, first.name));
+}
+
+// Somebody keeps this layer, since its owner was away, and may have it in a later life.
+void Daemon::LookAtStandIn(absl::Span<const uint8_t> message) {
+  const auto stand_in = DecodeStandInDigest(message);
+  if (!stand_in.ok()) return;
+  const LayerLife own = OwnLife();
+  MutexLock lock(mutex_);
+  identity_.TakePull(FromMessage(stand_in->digest.layer), own, Clock::now());
 }
 
 void Daemon::LookAtPull(absl::Span<const uint8_t> message) {

@@ -118,7 +118,8 @@ says base "the layer of robot-8: its control points are clamped to -10 .. 20, an
 says wide "the layer of robot-2: its control points are clamped to -10 .. 10, and to -10 .. 20 here"
 for name in base robot-7 robot-8; do await found $name refused_layer; done
 expect 0 splinemap layers --live --json
-[[ $(jq -c '[(.base.refused | length), (.["robot-7"].layers | length)]' out) == '[2,1]' ]] || fail "layers: $(cat out)"
+[[ $(jq -c '[(.[] | select(.daemon == "base").refused | length),
+  (.[] | select(.daemon == "robot-7").layers | length)]' out) == '[2,1]' ]] || fail "layers: $(cat out)"
 expect 1 splinemap snapshot fleet.splinemap --robot 'robot-[278]' --timeout 5
 expect_text "left out: robot-" err
 stop "${!daemon[@]}"

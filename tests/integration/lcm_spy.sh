@@ -94,7 +94,7 @@ await is_open utime SPLINEMAP_STATUS 60 35  # a chart of a field: the message wa
 # Whoever opens the map later has not heard the decisions, nor the layer's owner.
 knows_room() {
   splinemap layers --live --json |
-    jq -e '.robot.layers[] | select(.name == "room" and .state == "live")'
+    jq -e '.[] | select(.daemon == "robot").layers[] | select(.name == "room" and .state == "live")'
 }
 await knows_room
 expect 0 splinemap control yield robot
