@@ -287,12 +287,18 @@ absl::StatusOr<RasterPart> FromMessage(const raster_request_t& request) {
 
 points_reply_t ToMessage(const PointsQuery::Answer& answer) {
   auto reply = ReplyOf<points_reply_t>(answer);
-  reply.num_points = static_cast<int32_t>(answer.samples.size());
-  for (const SurfaceSample& sample : answer.samples) {
-    reply.log_odds.push_back(sample.log_odds);
-    reply.gradient_x_per_m.push_back(sample.gradient_per_m.x());
-    reply.gradient_y_per_m.push_back(sample.gradient_per_m.y());
-    reply.known.push_back(sample.known ? 1 : 0);
+  const size_t count = answer.samples.size();
+  reply.num_points = static_cast<int32_t>(count);
+  reply.log_odds.resize(count);
+  reply.gradient_x_per_m.resize(count);
+  reply.gradient_y_per_m.resize(count);
+  reply.known.resize(count);
+  for (size_t k = 0; k < count; ++k) {
+    const SurfaceSample& sample = answer.samples[k];
+    reply.log_odds[k] = sample.log_odds;
+    reply.gradient_x_per_m[k] = sample.gradient_per_m.x();
+    reply.gradient_y_per_m[k] = sample.gradient_per_m.y();
+    reply.known[k] = sample.known ? 1 : 0;
   }
   reply.num_hessians = static_cast<int32_t>(answer.hessians_per_m2.size());
   for (const Eigen::Matrix2d& hessian : answer.hessians_per_m2) {
