@@ -2,7 +2,6 @@
 #include <cstdio>
 #include <memory>
 
-#include "absl/strings/numbers.h"
 #include "clients/client/map_client.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/layer_lines.h"

@@ -137,7 +137,7 @@ class Daemon {
   int64_t lost_datagrams_ = 0;
   int64_t dropped_by_overload_ = 0;
   QueryServer::Counts noticed_queries_;
-  size_t noticed_refused_ = 0;
+  std::set<std::string> noticed_refused_;
   bool noticed_full_ = false;
   LayerRoll roll_;
 

@@ -80,12 +80,11 @@ void Daemon::LookAround() {
 }
 
 void Daemon::LookAtLayers() {
-  const std::vector<std::string> refused = keeper_->Refused();
-  for (size_t k = noticed_refused_; k < refused.size(); ++k) {
-    Find(Symptom::kRefusedLayer, refused[k],
-         fmt::format("the layer of {}, so it is not in the map", refused[k]));
+  for (const std::string& refused : keeper_->Refused()) {
+    if (!noticed_refused_.insert(refused).second) continue;
+    Find(Symptom::kRefusedLayer, refused,
+         fmt::format("the layer of {}, so it is not in the map", refused));
   }
-  noticed_refused_ = refused.size();
   const bool was_full = std::exchange(noticed_full_, keeper_->IsFull());
   if (noticed_full_ && !was_full) {
     Find(Symptom::kRefusedLayer, "full",

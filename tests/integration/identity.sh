@@ -110,11 +110,11 @@ says second "is an older copy; it goes on as start"
 await found robot-2 shared_identity
 
 # --- another knot interval, other clamps
-start coarse robot-7 --config <(echo 'method { knot_interval_m: 0.1 }') --follow 'robot-*'
 start wide robot-8 --config <(echo 'method { clamp_max: 20 }') --follow 'robot-*'
+says base "the layer of robot-8: its control points are clamped to -10 .. 20, and to -10 .. 10 here"
+start coarse robot-7 --config <(echo 'method { knot_interval_m: 0.1 }') --follow 'robot-*'
 for who in base coarse wide; do says "$who" "the layer of robot-"; done
 says base "the layer of robot-7: its knot interval is 0.1 m, and 0.05 m here, so it is not in the map"
-says base "the layer of robot-8: its control points are clamped to -10 .. 20, and to -10 .. 10 here"
 says wide "the layer of robot-2: its control points are clamped to -10 .. 10, and to -10 .. 20 here"
 for name in base robot-7 robot-8; do await found $name refused_layer; done
 expect 0 splinemap layers --live --json
