@@ -14,6 +14,7 @@
 #include "clients/planner/picture.h"
 #include "clients/replica/map_replica.h"
 #include "lcmtypes/michigan/path2D_t.hpp"
+#include "lib/base/host_clock.h"
 #include "lib/base/mutex.h"
 #include "lib/base/status.h"
 #include "lib/query/local_map.h"
@@ -93,9 +94,7 @@ double Length(const Path& path) {
 // Each pose looks at the next.
 michigan::path2D_t PathMessage(const Path& path, double goal_yaw_rad) {
   michigan::path2D_t message;
-  message.utime = std::chrono::duration_cast<std::chrono::microseconds>(
-                      std::chrono::system_clock::now().time_since_epoch())
-                      .count();
+  message.utime = HostUtime();
   for (size_t k = 0; k < path.size(); ++k) {
     const bool is_last = k + 1 == path.size();
     const Vector2d way = is_last ? Vector2d::Zero() : Vector2d(path[k + 1] - path[k]);

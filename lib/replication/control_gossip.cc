@@ -43,7 +43,7 @@ LayerControl FromMessage(const layer_control_t& message) {
 }  // namespace
 
 ControlGossip::ControlGossip(LayerControls controls, uint64_t seed)
-    : controls_(std::move(controls)), random_(seed), sender_(static_cast<int64_t>(random_())) {}
+    : controls_(std::move(controls)), random_(seed), sender_(static_cast<int64_t>(seed)) {}
 
 void ControlGossip::Decide(const LayerId& id, const LayerControl& control) {
   if (controls_.Take(id, control)) records_due_ = Clock::time_point::min();
@@ -64,7 +64,7 @@ bool ControlGossip::Take(const control_records_t& message, Clock::time_point now
     heard_same_ = true;
     records_due_.reset();  // somebody has told all that there is
   } else if (!records_due_) {
-    records_due_ = std::max(now, last_records_ + kMinPause) + Random(kMaxBackOff);
+    records_due_ = std::max(now, last_records_ + kMinPause) + random_.UpTo(kMaxBackOff);
   }
   return is_new;
 }
@@ -99,7 +99,7 @@ std::vector<control_records_t> ControlGossip::Tick(Clock::time_point now) {
 void ControlGossip::BeginInterval(Clock::time_point now) {
   interval_end_ = now + kInterval;
   // In the second half, so that who begins late still hears the others first.
-  hash_due_ = now + kInterval / 2 + Random(kInterval / 2);
+  hash_due_ = now + kInterval / 2 + random_.UpTo(kInterval / 2);
   heard_same_ = false;
   told_ = false;
 }
@@ -110,10 +110,6 @@ control_records_t ControlGossip::Message() const {
   message.hash = static_cast<int64_t>(controls_.hash());
   message.num_records = 0;
   return message;
-}
-
-Clock::duration ControlGossip::Random(Clock::duration at_most) {
-  return Clock::duration(std::uniform_int_distribution<Clock::rep>(0, at_most.count())(random_));
 }
 
 }  // namespace splinemap

@@ -1,12 +1,12 @@
 #pragma once
 
 #include <optional>
-#include <random>
 #include <vector>
 
 #include "lcmtypes/splinemap/control_records_t.hpp"
 #include "lib/map/layer_control.h"
 #include "lib/replication/protocol.h"
+#include "lib/replication/random_pause.h"
 
 namespace splinemap {
 
@@ -17,7 +17,7 @@ namespace splinemap {
 // Thread-compatible.
 class ControlGossip {
  public:
-  // `seed` spreads the times at which its users speak.
+  // `seed` spreads the times at which its users speak, and tells one from another.
   ControlGossip(LayerControls controls, uint64_t seed);
 
   const LayerControls& controls() const { return controls_; }
@@ -34,11 +34,10 @@ class ControlGossip {
 
  private:
   void BeginInterval(Clock::time_point now);
-  Clock::duration Random(Clock::duration at_most);
   control_records_t Message() const;
 
   LayerControls controls_;
-  std::mt19937_64 random_;
+  RandomPause random_;
   int64_t sender_;
   int64_t invalid_ = 0;
   std::optional<Clock::time_point> interval_end_;

@@ -119,7 +119,7 @@ void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point n
     last_spoken_for_ = now;
     next_objection_.reset();
   } else if (OwnerIsSilent(now) && !next_objection_) {
-    next_objection_ = now + Random(kObjection);
+    next_objection_ = now + random_.UpTo(kObjection);
   }
   if (!Admit(digest.layer)) return;
   if (owners_digest_ && WasOvertaken(digest, *owners_digest_)) {
@@ -332,13 +332,13 @@ bool LayerFollower::IsOutside(const NodeKey& node) const {
 void LayerFollower::TakePull(const layer_pull_t& pull, Clock::time_point now) {
   const LayerLife life = FromMessage(pull.layer);
   if (life.id != id_ || life.epoch != epoch_ || life.detail != part_.detail) return;
-  if (next_renewal_) next_renewal_ = now + kRenewal + Random(kRenewal);
+  if (next_renewal_) next_renewal_ = now + kRenewal + random_.UpTo(kRenewal);
   next_objection_.reset();  // this pull is one
   for (int n = 0; n < pull.num_nodes; ++n) {
     const auto wanted = wanted_.find({pull.levels[n], pull.xs[n], pull.ys[n]});
     if (wanted == wanted_.end()) continue;
     if (++wanted->second.times_postponed > kMaxPostponed) continue;
-    wanted->second.due = std::max(wanted->second.due, now + kRetry + Random(kMaxBackOff));
+    wanted->second.due = std::max(wanted->second.due, now + kRetry + random_.UpTo(kMaxBackOff));
   }
 }
 
@@ -348,7 +348,7 @@ void LayerFollower::Want(const NodeKey& node, uint64_t revision, Clock::time_poi
     return;
   }
   Wanted wanted;
-  wanted.due = now + Random(kMaxBackOff);
+  wanted.due = now + random_.UpTo(kMaxBackOff);
   const auto [known, is_new] = wanted_.try_emplace(node, wanted);
   known->second.revision = std::max(known->second.revision, revision);
 }
@@ -383,7 +383,7 @@ std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
     ++(node.level == 0 ? counts_.asked_tiles : counts_.asked_nodes);
     ++asked;
     // Not less and less often: where a third gets lost, half of the asks have no answer.
-    wanted.due = now + kRetry + Random(kRetry);
+    wanted.due = now + kRetry + random_.UpTo(kRetry);
     ++wanted.times_asked;
   }
   const auto name_life = [&] {
@@ -396,7 +396,7 @@ std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
   }
   if (part_.detail.level > 0 && epoch_ &&
       (!next_renewal_ || *next_renewal_ <= now || !pulls.empty())) {
-    next_renewal_ = now + kRenewal + Random(kRenewal);
+    next_renewal_ = now + kRenewal + random_.UpTo(kRenewal);
     name_life();
   }
   for (layer_pull_t& pull : pulls) pull.num_nodes = static_cast<int32_t>(pull.levels.size());
@@ -407,10 +407,6 @@ LayerSnapshot LayerFollower::Snapshot() { return previous_ ? *previous_ : OwnSna
 
 LayerSnapshot LayerFollower::OwnSnapshot() {
   return {id_, epoch(), newest_revision_, tiles_.Freeze()};
-}
-
-Clock::duration LayerFollower::Random(Clock::duration at_most) {
-  return Clock::duration(std::uniform_int_distribution<Clock::rep>(0, at_most.count())(random_));
 }
 
 }  // namespace splinemap

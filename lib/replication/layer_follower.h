@@ -3,7 +3,6 @@
 #include <chrono>
 #include <cstdint>
 #include <optional>
-#include <random>
 #include <vector>
 
 #include "absl/container/flat_hash_map.h"
@@ -18,6 +17,7 @@
 #include "lib/map/tile_update.h"
 #include "lib/replication/hash_index.h"
 #include "lib/replication/protocol.h"
+#include "lib/replication/random_pause.h"
 
 namespace splinemap {
 
@@ -133,11 +133,10 @@ class LayerFollower {
   bool Matches() const;
   void LookForMatch(Clock::time_point now);
   LayerSnapshot OwnSnapshot();
-  Clock::duration Random(Clock::duration at_most);
 
   const LayerId id_;
   const Part part_;
-  std::mt19937_64 random_;
+  RandomPause random_;
   size_t max_tiles_ = size_t{1} << 20;  // 2 GiB
 
   std::optional<LayerEpoch> epoch_;

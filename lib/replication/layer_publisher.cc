@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "lib/base/host_clock.h"
+
 namespace splinemap {
 namespace {
 
@@ -218,9 +220,7 @@ layer_digest_t LayerPublisher::MakeDigest(Clock::time_point now) {
   layer_digest_t digest;
   digest.layer = splinemap::ToMessage(life_);
   digest.protocol_version = kProtocolVersion;
-  digest.utime = std::chrono::duration_cast<std::chrono::microseconds>(
-                     std::chrono::system_clock::now().time_since_epoch())
-                     .count();
+  digest.utime = HostUtime();
   digest.knot_interval_m = map_options_.knot_interval_m;  // at level 0
   digest.min_control_point = map_options_.limits.min;
   digest.max_control_point = map_options_.limits.max;

@@ -32,7 +32,7 @@ void StandIn::TakeDigest(const stand_in_digest_t& other, Clock::time_point now) 
   other_ = other;
   other_heard_ = now;
   if (life.epoch < copy_.epoch()) {
-    BeginBy(now + Random(kMaxBackOffOfBetter));
+    BeginBy(now + random_.UpTo(kMaxBackOffOfBetter));
   } else if (!publisher_) {
     LeaveItToOthers(now);
   } else if (copy_.is_equal() && nonce > nonce_) {
@@ -42,7 +42,7 @@ void StandIn::TakeDigest(const stand_in_digest_t& other, Clock::time_point now) 
 
 void StandIn::LeaveItToOthers(Clock::time_point now) {
   publisher_.reset();
-  due_ = now + LayerFollower::kMaxSilence + patience_ + Random(kMaxBackOff);
+  due_ = now + LayerFollower::kMaxSilence + patience_ + random_.UpTo(kMaxBackOff);
 }
 
 void StandIn::TakePull(const layer_pull_t& pull, Clock::time_point now) {
@@ -63,8 +63,8 @@ std::vector<StandIn::Message> StandIn::Tick(Clock::time_point now, bool may_begi
     return messages;
   }
   if (!publisher_) {
-    if (!due_) due_ = now + patience_ + Random(kMaxBackOff);
-    if (OtherLacksSomething(now)) BeginBy(now + Random(kMaxBackOffOfBetter));
+    if (!due_) due_ = now + patience_ + random_.UpTo(kMaxBackOff);
+    if (OtherLacksSomething(now)) BeginBy(now + random_.UpTo(kMaxBackOffOfBetter));
     if (now < *due_) return messages;
   }
   if (!publisher_ || epoch_ != copy_.epoch()) {
@@ -103,10 +103,6 @@ bool StandIn::OtherLacksSomething(Clock::time_point now) const {
 
 void StandIn::BeginBy(Clock::time_point latest) {
   if (!due_ || *due_ > latest) due_ = latest;
-}
-
-Clock::duration StandIn::Random(Clock::duration at_most) {
-  return Clock::duration(std::uniform_int_distribution<Clock::rep>(0, at_most.count())(random_));
 }
 
 }  // namespace splinemap

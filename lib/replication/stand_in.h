@@ -1,13 +1,13 @@
 #pragma once
 
 #include <optional>
-#include <random>
 #include <variant>
 #include <vector>
 
 #include "lcmtypes/splinemap/stand_in_digest_t.hpp"
 #include "lib/replication/layer_follower.h"
 #include "lib/replication/levels_publisher.h"
+#include "lib/replication/random_pause.h"
 
 namespace splinemap {
 
@@ -38,14 +38,13 @@ class StandIn {
   bool OtherLacksSomething(Clock::time_point now) const;
   void BeginBy(Clock::time_point latest);
   void LeaveItToOthers(Clock::time_point now);
-  Clock::duration Random(Clock::duration at_most);
 
   LayerFollower& copy_;
   const Clock::duration patience_;
   const uint64_t nonce_;
   const MapOptions map_options_;
   PublisherOptions options_;
-  std::mt19937_64 random_;
+  RandomPause random_;
   std::optional<LevelsPublisher> publisher_;  // while it speaks
   LayerEpoch epoch_;                          // of what it speaks for
   std::optional<Clock::time_point> due_;      // when it is to begin

@@ -11,6 +11,7 @@
 #include <map>
 #include <optional>
 
+#include "lib/base/host_clock.h"
 #include "lib/base/status.h"
 #include "lib/map/tile_update.h"
 #include "lib/store/records.pb.h"
@@ -147,12 +148,6 @@ TileTally TallyOf(const TileTree& tree) {
   TileTally tally;
   tree.ForEach([&](TileKey key, const TileTree::Entry& entry) { tally.Add(key, entry.revision); });
   return tally;
-}
-
-int64_t HostUtime() {
-  return std::chrono::duration_cast<std::chrono::microseconds>(
-             std::chrono::system_clock::now().time_since_epoch())
-      .count();
 }
 
 std::optional<TileKey> KeyOf(int64_t tx, int64_t ty) {

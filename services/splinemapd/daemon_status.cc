@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 
+#include "lib/base/host_clock.h"
 #include "lib/base/status.h"
 #include "services/splinemapd/daemon.h"
 
@@ -20,12 +21,6 @@ double Seconds(std::chrono::steady_clock::duration duration) {
 
 double Milliseconds(std::chrono::nanoseconds duration) {
   return std::chrono::duration<double, std::milli>(duration).count();
-}
-
-int64_t HostUtime() {
-  return std::chrono::duration_cast<std::chrono::microseconds>(
-             std::chrono::system_clock::now().time_since_epoch())
-      .count();
 }
 
 // Goes on while the computer sleeps, unlike steady_clock.
