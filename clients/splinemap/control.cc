@@ -1,10 +1,12 @@
-#include <algorithm>
 #include <cstdio>
+#include <map>
 #include <memory>
+#include <string>
+#include <vector>
 
 #include "clients/client/map_client.h"
 #include "clients/splinemap/commands.h"
-#include "clients/splinemap/layer_lines.h"
+#include "clients/splinemap/layer_name.h"
 #include "clients/splinemap/live_layers.h"
 #include "lib/base/status.h"
 
@@ -24,52 +26,40 @@ struct Found {
   uint64_t incarnation = 0;
 };
 
-// The layer, and a daemon that has it. NotFound where none was heard that does.
-absl::StatusOr<Found> FindLayer(const Flags& flags) {
+// The layer, and a daemon that has it.
+absl::StatusOr<Found> ListenForLayer(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<layers_t> daemons, ListenToLayers(flags.live));
-  std::vector<Found> found;
-  std::vector<std::string> names;
+  std::map<LayerId, Found> heard;
   for (const layers_t& daemon : daemons) {
     if (!flags.robot.empty() && daemon.name != flags.robot) continue;
     for (const layer_status_t& layer : daemon.layers) {
       const LayerId id{layer.name, static_cast<uint64_t>(layer.origin)};
-      const bool is_known = std::any_of(found.begin(), found.end(),
-                                        [&](const Found& other) { return other.id == id; });
-      names.push_back(NameOf(id));
-      if (!is_known && layer.state != "removed" && Names(flags.layer, id)) {
-        found.push_back({daemon.name, id, static_cast<uint64_t>(layer.incarnation)});
-      }
+      if (layer.state == "removed") continue;
+      heard.try_emplace(id, daemon.name, id, static_cast<uint64_t>(layer.incarnation));
     }
   }
-  if (found.size() == 1) return found.front();
-  std::sort(names.begin(), names.end());
-  names.erase(std::unique(names.begin(), names.end()), names.end());
-  if (found.empty()) {
-    return NotFound("no daemon{} has a layer {}; there are: {}",
-                    flags.robot.empty() ? "" : " of robot " + flags.robot, flags.layer,
-                    fmt::join(names, ", "));
-  }
-  names.clear();
-  for (const Found& layer : found) names.push_back(NameOf(layer.id));
-  return InvalidArgument("there are several layers {}; say which: {}", flags.layer,
-                         fmt::join(names, ", "));
+  std::vector<LayerId> ids;
+  for (const auto& [id, found] : heard) ids.push_back(id);
+  SPLINEMAP_ASSIGN_OR_RETURN(
+      const LayerId id,
+      FindLayer(ids, flags.layer, flags.robot.empty() ? "the bus" : "robot " + flags.robot));
+  return heard.at(id);
 }
 
 absl::StatusOr<int> Decide(const std::string& command, const Flags& flags) {
-  absl::StatusOr<Found> found = FindLayer(flags);
+  absl::StatusOr<Found> layer = ListenForLayer(flags);
   // What daemons say may get lost.
-  for (int n = 0; n < 3 && absl::IsNotFound(found.status()); ++n) found = FindLayer(flags);
-  SPLINEMAP_RETURN_IF_ERROR(found.status());
-  const Found& layer = *found;
+  for (int n = 0; n < 3 && !layer.ok(); ++n) layer = ListenForLayer(flags);
+  SPLINEMAP_RETURN_IF_ERROR(layer.status());
   ClientOptions options;
   options.channel_prefix = flags.live.channel_prefix;
-  options.robot = layer.daemon;
+  options.robot = layer->daemon;
   SPLINEMAP_ASSIGN_OR_RETURN(const auto client, MapClient::Connect(flags.live.lcm_url, options));
-  LayerDecision decision{command, layer.id, layer.incarnation, {}};
+  LayerDecision decision{command, layer->id, layer->incarnation, {}};
   if (flags.shift.size() == 2) decision.shift = {flags.shift[0], flags.shift[1]};
   SPLINEMAP_RETURN_IF_ERROR(client->Decide(decision));
   fmt::print(stderr, "{} has decided: {} {}; all others hear of it within a second or two\n",
-             layer.daemon, command, NameOf(layer.id));
+             layer->daemon, command, NameOf(layer->id));
   return kSuccess;
 }
 

@@ -5,6 +5,7 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/layer_lines.h"
+#include "clients/splinemap/layer_name.h"
 #include "lib/base/status.h"
 #include "lib/store/map_file.h"
 

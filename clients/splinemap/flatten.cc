@@ -3,6 +3,7 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/layer_lines.h"
+#include "clients/splinemap/layer_name.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/config/config.h"

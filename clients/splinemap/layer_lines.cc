@@ -3,8 +3,7 @@
 #include <algorithm>
 #include <array>
 
-#include "absl/strings/ascii.h"
-#include "absl/strings/escaping.h"
+#include "clients/splinemap/layer_name.h"
 #include "clients/splinemap/live_layers.h"
 #include "fmt/format.h"
 #include "fmt/ranges.h"
@@ -65,17 +64,6 @@ Row RowOf(const LayerLine& line) {
 }
 
 }  // namespace
-
-std::string NameOf(const LayerId& id) {
-  return fmt::format("{}@{:016x}", absl::Utf8SafeCHexEscape(id.name), id.origin);
-}
-
-bool Names(const std::string& text, const LayerId& id) {
-  if (text == id.name) return true;
-  const std::string whole = fmt::format("{}@{:016x}", id.name, id.origin);
-  return text.size() > id.name.size() + 1 && text.starts_with(id.name + '@') &&
-         whole.starts_with(id.name + '@' + absl::AsciiStrToLower(text.substr(id.name.size() + 1)));
-}
 
 LayerLine LineOf(const layer_status_t& layer) {
   LayerLine line{{layer.name, static_cast<uint64_t>(layer.origin)},

@@ -15,11 +15,6 @@
 
 namespace splinemap {
 
-// NAME@ORIGIN, as layers are told apart in what people read and type.
-std::string NameOf(const LayerId& id);
-// Whether `text` is the layer's NAME, or NAME@ and how its origin begins.
-bool Names(const std::string& text, const LayerId& id);
-
 // What people are shown of a layer.
 struct LayerLine {
   struct Content {

@@ -6,6 +6,7 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/layer_lines.h"
+#include "clients/splinemap/layer_name.h"
 #include "clients/splinemap/progress.h"
 #include "lib/base/status.h"
 #include "lib/map/layer_union.h"

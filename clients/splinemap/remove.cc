@@ -3,8 +3,7 @@
 #include <memory>
 
 #include "clients/splinemap/commands.h"
-#include "clients/splinemap/layer_lines.h"
-#include "lib/base/did_you_mean.h"
+#include "clients/splinemap/layer_name.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/map/map_edits.h"
@@ -18,33 +17,14 @@ struct Flags {
   MapOutput output;
 };
 
-absl::StatusOr<LayerId> FindLayer(const MapSnapshot& map, const std::string& text,
-                                  const std::string& path) {
-  std::vector<LayerId> found;
-  std::vector<std::string> names;
-  std::vector<std::string> candidates;
-  for (const LayerSnapshot& layer : map.layers) {
-    names.push_back(layer.id.name);
-    candidates.push_back(NameOf(layer.id));
-    if (Names(text, layer.id)) found.push_back(layer.id);
-  }
-  if (found.size() == 1) return found.front();
-  if (found.empty()) {
-    return InvalidArgument("{} has no layer {}{}; there are: {}", path, text,
-                           DidYouMean(text, names), fmt::join(candidates, ", "));
-  }
-  candidates.clear();
-  for (const LayerId& id : found) candidates.push_back(NameOf(id));
-  return InvalidArgument("{} has several layers {}; say which: {}", path, text,
-                         fmt::join(candidates, ", "));
-}
-
 absl::StatusOr<int> Remove(const Flags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(CheckOutputOf({flags.map}, flags.output));
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadInput(flags.map, flags.output));
+  std::vector<LayerId> layers;
+  for (const LayerSnapshot& layer : loaded.map->layers) layers.push_back(layer.id);
   std::vector<LayerId> removed;
   for (const std::string& text : flags.layers) {
-    SPLINEMAP_ASSIGN_OR_RETURN(removed.emplace_back(), FindLayer(*loaded.map, text, flags.map));
+    SPLINEMAP_ASSIGN_OR_RETURN(removed.emplace_back(), FindLayer(layers, text, flags.map));
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const auto rest, WithoutLayers(*loaded.map, removed, RandomId()));
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(*rest, flags.output.out));
