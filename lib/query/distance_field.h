@@ -49,7 +49,7 @@ struct DistanceTile {
 };
 
 // How far the nearest obstacle is from any point of the map frame, for those who ask often: some
-// 80 ns, where a DistancesQuery searches for some 10 us. Who must not touch anything asks for a
+// 100 ns, where a DistancesQuery searches for some 10 us. Who must not touch anything asks for a
 // sweep, or takes the error off. Made by a DistanceFieldEditor. Immutable, thread-safe.
 class DistanceField {
  public:
