@@ -515,16 +515,10 @@ class RandomFleet : public testing::TestWithParam<int> {};
 
 TEST_P(RandomFleet, EndsWithEqualBytes) {
   Random random(GetParam());
-  // Thousands by hand: SPLINEMAP_SCHEDULES=500.
-  const char* wanted = std::getenv("SPLINEMAP_SCHEDULES");
-  const int schedules = wanted != nullptr ? std::atoi(wanted) : 3;
-  for (int schedule = 0; schedule < schedules; ++schedule) {
+  for (int schedule = 0; schedule < NumSchedules(3); ++schedule) {
     const uint64_t seed = random();
     SCOPED_TRACE(seed);
-    const auto any = [&](auto... values) {
-      const std::vector choices{values...};
-      return choices[random() % choices.size()];
-    };
+    const auto any = [&](auto... values) { return AnyOf(random, values...); };
     const Weather weather{any(0.0, 0.05, 0.3), any(0.0, 0.3),
                           any(milliseconds(0), milliseconds(30), milliseconds(400))};
     Fleet fleet(weather, any(2, 3, 5), any(1, 2), seed);

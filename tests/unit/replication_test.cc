@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <map>
 #include <memory>
 #include <random>
@@ -878,16 +877,10 @@ class RandomSchedule : public testing::TestWithParam<int> {};
 
 TEST_P(RandomSchedule, EndsWithEqualBytes) {
   Random random(GetParam());
-  // Thousands by hand: SPLINEMAP_SCHEDULES=500.
-  const char* wanted = std::getenv("SPLINEMAP_SCHEDULES");
-  const int schedules = wanted != nullptr ? std::atoi(wanted) : 8;
-  for (int schedule = 0; schedule < schedules; ++schedule) {
+  for (int schedule = 0; schedule < NumSchedules(8); ++schedule) {
     const uint64_t seed = random();
     SCOPED_TRACE(seed);
-    const auto any = [&](auto... values) {
-      const std::vector choices{values...};
-      return choices[random() % choices.size()];
-    };
+    const auto any = [&](auto... values) { return AnyOf(random, values...); };
     const Weather weather{any(0.0, 0.01, 0.1, 0.3), any(0.0, 0.05, 0.5),
                           any(milliseconds(0), milliseconds(30), milliseconds(400))};
     PublisherOptions options;
