@@ -18,13 +18,16 @@ struct LayerId {
 
 // One life of a layer's owner. A greater epoch replaces the layer as a whole.
 struct LayerEpoch {
-  // What a start may count from; map files take twice as much, so that there is room to go on.
+  // The greatest that may be said; no honest owner gets there.
   static constexpr uint64_t kMaxIncarnation = uint64_t{1} << 61;
 
   uint64_t incarnation = 0;  // counts starts
   uint64_t nonce = 0;        // random per start, tells two owners of one incarnation apart
   auto operator<=>(const LayerEpoch&) const = default;
 };
+
+// The greatest number of a commit that may be said; no honest owner gets there.
+inline constexpr uint64_t kMaxRevision = uint64_t{1} << 61;
 
 // A layer that does not change any more. Thread-safe.
 struct LayerSnapshot {

@@ -32,7 +32,7 @@ std::shared_ptr<const MapSnapshot> Flattened(const MapSnapshot& map, LayerId id,
   for (const LayerSnapshot& layer : map.layers) {
     if (!map.controls.Of(layer.id).IsSummed()) continue;
     // Files may claim nearly endless numbers of commits.
-    revision = std::min(revision + layer.revision, LayerEpoch::kMaxIncarnation);
+    revision = std::min(revision + layer.revision, kMaxRevision);
   }
   Map flat(map.options);
   Layer& layer = flat.AddLayer(std::move(id), epoch);
