@@ -13,6 +13,8 @@
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/status.h"
+#include "lib/map/detail.h"
+#include "lib/map/validity.h"
 
 namespace splinemap {
 namespace {
@@ -20,7 +22,6 @@ namespace {
 constexpr size_t kFingerprintBytes = 8;
 // Sensors that look this far out of the horizontal plane make no planar map.
 constexpr double kMaxTilt_rad = 10 * std::numbers::pi / 180;
-constexpr size_t kMaxNameBytes = 256;
 constexpr size_t kRequestHeadBytes = 4 * 8;
 constexpr int kMaxPulledNodes = 1000;  // of what followers ask for at once, several times
 constexpr int64_t kMaxUtime = int64_t{230} * 365 * 86'400 * 1'000'000;
@@ -157,7 +158,7 @@ bool HasRightSize(MessageType type, absl::Span<const uint8_t> message) {
       walk.Skip(8 + 8);
       for (size_t left = walk.Count(); walk.fits() && left > 0; --left) {
         walk.String();  // name
-        walk.Skip(8 + 2 * 1 + 2 * 4 + 3 * 8 + 3 * 8);
+        walk.Skip(8 + 2 * 1 + 2 * 4 + 3 * 8 + 3 * 8 + 1);
       }
       break;
     case MessageType::kLayers:
@@ -270,11 +271,37 @@ absl::StatusOr<Message> Decode(MessageType type, absl::Span<const uint8_t> messa
   return decoded;
 }
 
-bool IsPlausible(const layer_digest_t& digest) {
-  return digest.knot_interval_m > 0 && std::isfinite(digest.knot_interval_m) && digest.lag_s >= 0 &&
-         digest.min_control_point >= std::numeric_limits<int16_t>::min() &&
-         digest.max_control_point <= std::numeric_limits<int16_t>::max() &&
-         digest.min_control_point < 0 && digest.max_control_point > 0 && digest.num_tiles >= 0;
+absl::Status Check(const layer_epoch_t& layer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckLayerId({layer.name, 0}));
+  SPLINEMAP_RETURN_IF_ERROR(CheckEpoch({static_cast<uint64_t>(layer.incarnation), 0}));
+  if (Detail{layer.detail_level, static_cast<Band>(layer.band)}.IsValid()) return absl::OkStatus();
+  return InvalidArgument("level of detail {} and band {}, which do not exist", layer.detail_level,
+                         layer.band);
+}
+
+absl::Status Check(const layer_digest_t& digest) {
+  constexpr int kMaxRootLevel = 8;
+  const auto is_control_point = [](int32_t value) {
+    return value >= std::numeric_limits<ControlPoint>::min() &&
+           value <= std::numeric_limits<ControlPoint>::max();
+  };
+  SPLINEMAP_RETURN_IF_ERROR(Check(digest.layer));
+  SPLINEMAP_RETURN_IF_ERROR(CheckUtime(digest.utime));
+  if (!is_control_point(digest.min_control_point) || !is_control_point(digest.max_control_point)) {
+    return InvalidArgument("clamps of {} and {}, which no control point has",
+                           digest.min_control_point, digest.max_control_point);
+  }
+  SPLINEMAP_RETURN_IF_ERROR(
+      CheckMapOptions({digest.knot_interval_m,
+                       {static_cast<ControlPoint>(digest.min_control_point),
+                        static_cast<ControlPoint>(digest.max_control_point)}}));
+  SPLINEMAP_RETURN_IF_ERROR(CheckRevision(static_cast<uint64_t>(digest.revision)));
+  if (digest.state < 0 || digest.num_tiles < 0 || digest.root_level < 1 ||
+      digest.root_level > kMaxRootLevel || !std::isfinite(digest.lag_s) || digest.lag_s < 0) {
+    return InvalidArgument("state {}, {} tiles, root_level {} and lag_s {}, which cannot be",
+                           digest.state, digest.num_tiles, digest.root_level, digest.lag_s);
+  }
+  return absl::OkStatus();
 }
 
 absl::StatusOr<RangeReadings> DecodePlanarLidar(absl::Span<const uint8_t> bytes) {
@@ -390,16 +417,12 @@ absl::Status UnknownType(absl::Span<const uint8_t> message, const std::string& e
   return InvalidArgument("{}; {}", Describe(message), expected);
 }
 
-// LCM ends strings at a 0, but not their size.
-bool IsShortText(const std::string& name) {
-  return !name.empty() && name.size() <= kMaxNameBytes && name.find('\0') == std::string::npos;
+// What a message says of a layer, with the type in front.
+absl::Status InMessage(MessageType type, const absl::Status& status) {
+  return status.ok() ? status : InvalidArgument("{} with {}", TypeName(type), ErrorText(status));
 }
 
 // For channels that take one type.
-absl::Status LayerWithoutName(MessageType type) {
-  return InvalidArgument("{} of a layer whose name is empty, long or not text", TypeName(type));
-}
-
 template <typename Message>
 absl::StatusOr<Message> DecodeOnly(MessageType type, absl::Span<const uint8_t> message) {
   if (TypeOf(message) != type) {
@@ -407,8 +430,7 @@ absl::StatusOr<Message> DecodeOnly(MessageType type, absl::Span<const uint8_t> m
   }
   SPLINEMAP_ASSIGN_OR_RETURN(Message decoded, Decode<Message>(type, message));
   if constexpr (requires { decoded.layer; }) {
-    // Followers send the name on.
-    if (!IsShortText(decoded.layer.name)) return LayerWithoutName(type);
+    SPLINEMAP_RETURN_IF_ERROR(InMessage(type, Check(decoded.layer)));
   }
   return decoded;
 }
@@ -572,25 +594,37 @@ absl::StatusOr<status_t> DecodeStatus(absl::Span<const uint8_t> message) {
 absl::StatusOr<layer_digest_t> DecodeLayerDigest(absl::Span<const uint8_t> message) {
   SPLINEMAP_ASSIGN_OR_RETURN(auto digest,
                              DecodeOnly<layer_digest_t>(MessageType::kLayerDigest, message));
-  if (!IsPlausible(digest)) return InvalidArgument("layer_digest_t with values that cannot be");
+  SPLINEMAP_RETURN_IF_ERROR(InMessage(MessageType::kLayerDigest, Check(digest)));
   return digest;
 }
 
 absl::StatusOr<stand_in_digest_t> DecodeStandInDigest(absl::Span<const uint8_t> message) {
   SPLINEMAP_ASSIGN_OR_RETURN(auto stand_in,
                              DecodeOnly<stand_in_digest_t>(MessageType::kStandInDigest, message));
-  if (!IsPlausible(stand_in.digest) || !IsShortText(stand_in.digest.layer.name)) {
-    return InvalidArgument("stand_in_digest_t with values that cannot be");
-  }
+  SPLINEMAP_RETURN_IF_ERROR(InMessage(MessageType::kStandInDigest, Check(stand_in.digest)));
   return stand_in;
 }
 
 absl::StatusOr<layer_updates_t> DecodeLayerUpdates(absl::Span<const uint8_t> message) {
-  return DecodeOnly<layer_updates_t>(MessageType::kLayerUpdates, message);
+  SPLINEMAP_ASSIGN_OR_RETURN(auto updates,
+                             DecodeOnly<layer_updates_t>(MessageType::kLayerUpdates, message));
+  for (const tile_update_t& tile : updates.tiles) {
+    SPLINEMAP_RETURN_IF_ERROR(
+        InMessage(MessageType::kLayerUpdates, CheckRevision(static_cast<uint64_t>(tile.revision))));
+  }
+  return updates;
 }
 
 absl::StatusOr<layer_listing_t> DecodeLayerListing(absl::Span<const uint8_t> message) {
-  return DecodeOnly<layer_listing_t>(MessageType::kLayerListing, message);
+  SPLINEMAP_ASSIGN_OR_RETURN(auto listing,
+                             DecodeOnly<layer_listing_t>(MessageType::kLayerListing, message));
+  for (const node_listing_t& node : listing.nodes) {
+    for (const int64_t revision : node.revisions) {
+      SPLINEMAP_RETURN_IF_ERROR(
+          InMessage(MessageType::kLayerListing, CheckRevision(static_cast<uint64_t>(revision))));
+    }
+  }
+  return listing;
 }
 
 absl::StatusOr<layer_pull_t> DecodeLayerPull(absl::Span<const uint8_t> message) {
@@ -606,7 +640,8 @@ absl::StatusOr<control_records_t> DecodeControlRecords(absl::Span<const uint8_t>
   SPLINEMAP_ASSIGN_OR_RETURN(auto records,
                              DecodeOnly<control_records_t>(MessageType::kControlRecords, message));
   for (const layer_control_t& record : records.records) {
-    if (!IsShortText(record.name)) return LayerWithoutName(MessageType::kControlRecords);
+    SPLINEMAP_RETURN_IF_ERROR(
+        InMessage(MessageType::kControlRecords, CheckLayerId({record.name, 0})));
   }
   return records;
 }
@@ -614,7 +649,7 @@ absl::StatusOr<control_records_t> DecodeControlRecords(absl::Span<const uint8_t>
 absl::StatusOr<layers_t> DecodeLayers(absl::Span<const uint8_t> message) {
   SPLINEMAP_ASSIGN_OR_RETURN(auto layers, DecodeOnly<layers_t>(MessageType::kLayers, message));
   for (const layer_status_t& layer : layers.layers) {
-    if (!IsShortText(layer.name)) return LayerWithoutName(MessageType::kLayers);
+    SPLINEMAP_RETURN_IF_ERROR(InMessage(MessageType::kLayers, CheckLayerId({layer.name, 0})));
   }
   return layers;
 }
@@ -624,9 +659,7 @@ absl::StatusOr<Message> DecodeRpc(absl::Span<const uint8_t> message) {
   const MessageType type = *TypeOfFingerprint(static_cast<uint64_t>(Message::getHash()));
   SPLINEMAP_ASSIGN_OR_RETURN(Message decoded, DecodeOnly<Message>(type, message));
   if constexpr (requires { decoded.head.name; }) {
-    if (!IsShortText(decoded.head.name)) {
-      return InvalidArgument("{} of a robot whose name is empty, long or not text", TypeName(type));
-    }
+    SPLINEMAP_RETURN_IF_ERROR(InMessage(type, CheckLayerId({decoded.head.name, 0})));
   }
   return decoded;
 }

@@ -96,7 +96,8 @@ absl::StatusOr<TimedPose> DecodePose(absl::Span<const uint8_t> message);
 // A bot_core.rigid_transform_t that maps the sensor's frame into the robot's.
 absl::StatusOr<SensorMount> DecodeSensorMount(absl::Span<const uint8_t> message);
 absl::StatusOr<status_t> DecodeStatus(absl::Span<const uint8_t> message);
-// What owners and followers of layers say; that nodes and tiles exist is not checked.
+// What owners and followers of layers say, with numbers as map/validity.h allows them; that nodes
+// and tiles exist is not checked.
 absl::StatusOr<layer_digest_t> DecodeLayerDigest(absl::Span<const uint8_t> message);
 absl::StatusOr<stand_in_digest_t> DecodeStandInDigest(absl::Span<const uint8_t> message);
 absl::StatusOr<layer_updates_t> DecodeLayerUpdates(absl::Span<const uint8_t> message);

@@ -15,6 +15,7 @@
 #include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
+#include "lib/map/layer.h"
 #include "lib/wire/encode.h"
 
 // Sees what decoding allocates.
@@ -307,7 +308,7 @@ TEST(DecodeTest, ImplausibleValuesAreRefused) {
 }
 
 layer_updates_t Updates() {
-  layer_updates_t updates;
+  layer_updates_t updates{};
   updates.layer.name = "robot";
   updates.layer.origin = 1;
   updates.layer.incarnation = 2;
@@ -369,6 +370,61 @@ TEST(DecodeTest, NamesOfLayersAreShortText) {
   ASSERT_EQ(bytes[12], 'a');
   bytes[13] = 0;
   EXPECT_FALSE(DecodeLayerUpdates(bytes).ok());
+}
+
+// What a follower takes, it saves: nothing may get in that the reader of a file refuses.
+TEST(DecodeTest, NumbersOfLayersThatNoOwnerReachesAreRefused) {
+  const auto digest_with = [](auto change) {
+    layer_digest_t digest{};
+    digest.layer = Updates().layer;
+    digest.protocol_version = 1;
+    digest.knot_interval_m = 0.05;
+    digest.min_control_point = -2560;
+    digest.max_control_point = 2560;
+    digest.root_level = 1;
+    change(digest);
+    stand_in_digest_t stand_in{};
+    stand_in.digest = digest;
+    EXPECT_EQ(DecodeStandInDigest(Encode(stand_in)).ok(), DecodeLayerDigest(Encode(digest)).ok());
+    return DecodeLayerDigest(Encode(digest)).status();
+  };
+  static constexpr auto kMost = static_cast<int64_t>(kMaxRevision);
+  EXPECT_TRUE(digest_with([](auto& d) { d.revision = kMost; }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.revision = kMost + 1; }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.revision = -1; }).ok());
+  EXPECT_TRUE(digest_with([](auto& d) { d.layer.incarnation = kMost; }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.layer.incarnation = kMost + 1; }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.layer.incarnation = -1; }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.layer.detail_level = 9; }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.layer.band = 1; }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.knot_interval_m = 1e-320; }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.knot_interval_m = std::nan(""); }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.max_control_point = 1 << 15; }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.min_control_point = 0; }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.num_tiles = -1; }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.state = -1; }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.root_level = 9; }).ok());
+  EXPECT_FALSE(
+      digest_with([](auto& d) { d.lag_s = std::numeric_limits<double>::infinity(); }).ok());
+  EXPECT_FALSE(digest_with([](auto& d) { d.utime = -1; }).ok());
+
+  layer_updates_t updates = Updates();
+  updates.tiles[1].revision = kMost + 1;
+  EXPECT_FALSE(DecodeLayerUpdates(Encode(updates)).ok());
+  layer_listing_t listing{};
+  listing.layer = updates.layer;
+  listing.num_nodes = 1;
+  listing.nodes.resize(1);
+  listing.nodes[0].level = 1;
+  listing.nodes[0].x = 0;
+  listing.nodes[0].y = 0;
+  listing.nodes[0].num_children = 1;
+  listing.nodes[0].children = {0};
+  listing.nodes[0].hashes = {7};
+  listing.nodes[0].revisions = {kMost};
+  EXPECT_TRUE(DecodeLayerListing(Encode(listing)).ok());
+  listing.nodes[0].revisions = {kMost + 1};
+  EXPECT_FALSE(DecodeLayerListing(Encode(listing)).ok());
 }
 
 }  // namespace
