@@ -85,9 +85,8 @@ void MapReplica::Show(std::shared_ptr<const MapSnapshot> snapshot) {
   }
   local_map_.Show(snapshot);
   if (!on_change_) return;
-  const TileBox changed = ChangedTiles(*before, *snapshot);
-  if (changed.IsEmpty()) return;
-  on_change_(*snapshot, RegionOf(changed, snapshot->options.knot_interval_m));
+  const std::optional<Region> changed = ChangedRegion(*before, *snapshot);
+  if (changed) on_change_(*snapshot, *changed);
 }
 
 std::shared_ptr<const MapSnapshot> MapReplica::WholeSnapshot() const {

@@ -24,8 +24,10 @@ constexpr size_t kMaxOwnListings = 64;  // of what may still be under way
 constexpr double kMaxSilence_s = 3.5;
 // Who does not keep layers leaves it to those who do to stand in.
 constexpr milliseconds kPatience(8000);
-// A layer of a name that another one has taken is forgotten after that.
+// A layer of a name that another one has taken is forgotten after that, and one without tiles.
 constexpr double kForgetAfter_s = 10;
+// What a digest says of knot interval and limits counts for so long.
+constexpr double kToldLately_s = 5;
 
 double Seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
 
@@ -112,8 +114,13 @@ void MapFollower::HandleMessage(absl::Span<const uint8_t> message, Clock::time_p
       break;
     case MessageType::kControlRecords:
       take(DecodeControlRecords(message), [&](const auto& records) {
+        if (!options_.takes_decisions) {
+          ignored_decisions_ += gossip_.CountNews(records);
+          return;
+        }
         const LayerControls before = controls();
-        if (gossip_.Take(records, now)) ObeyControls(before);
+        const auto incarnation_of = [&](const LayerId& id) { return IncarnationOf(id); };
+        if (gossip_.Take(records, incarnation_of, now)) ObeyControls(before);
       });
       break;
     default:
@@ -159,8 +166,16 @@ void MapFollower::Add(const LayerId& id, LayerFollower copy) {
       followed.copy, keeper_ ? milliseconds(0) : kPatience, nonce_, *map_options_, publisher);
 }
 
+std::optional<uint64_t> MapFollower::IncarnationOf(const LayerId& id) const {
+  if (keeper_ && id == keeper_->own_layer) return keeper_->own_incarnation;
+  const auto layer = layers_.find(id);
+  if (layer == layers_.end()) return std::nullopt;
+  return layer->second.copy.epoch().incarnation;
+}
+
 bool MapFollower::IsWanted(const LayerLife& life, int32_t protocol_version) {
-  if (life.epoch.incarnation > LayerEpoch::kMaxIncarnation) {
+  const std::optional<uint64_t> known = IncarnationOf(life.id);
+  if (known && *known > 0 && life.epoch.incarnation > *known + LayerControl::kMaxStartsAhead) {
     ++malformed_;
     return false;
   }
@@ -170,6 +185,7 @@ bool MapFollower::IsWanted(const LayerLife& life, int32_t protocol_version) {
   const std::vector<std::string>& names = options_.names;
   if (!names.empty() && std::none_of(names.begin(), names.end(), matches)) return false;
   if (keeper_ && life.id == keeper_->own_layer) return false;
+  if (gossip_.SetHere(life.id, std::max(life.epoch.incarnation, known.value_or(0)))) ++version_;
   if (controls().Of(life.id).IsRemoved(life.epoch)) return false;
   if (protocol_version != kProtocolVersion) {
     Refuse(life.id, fmt::format("it speaks version {} of the protocol, and this is version {}",
@@ -180,19 +196,19 @@ bool MapFollower::IsWanted(const LayerLife& life, int32_t protocol_version) {
 }
 
 // A layer begins to exist with its digest, which says how to read it.
-LayerFollower* MapFollower::FindOrAdd(const layer_digest_t& digest) {
+LayerFollower* MapFollower::FindOrAdd(const layer_digest_t& digest, Clock::time_point now) {
   const LayerLife life = FromMessage(digest.layer);
   if (!IsWanted(life, digest.protocol_version)) return nullptr;
   const MapOptions map_options{std::ldexp(digest.knot_interval_m, options_.detail.level),
                                {static_cast<ControlPoint>(digest.min_control_point),
                                 static_cast<ControlPoint>(digest.max_control_point)}};
-  if (!map_options_) map_options_ = map_options;
+  if (!keeper_) ChooseOptions(life.id, map_options, now);
   if (map_options != *map_options_) {
     Refuse(life.id, Differences(map_options, *map_options_));
     return nullptr;
   }
   if (Followed* followed = Find(digest.layer)) return &followed->copy;
-  if (layers_.size() >= kMaxLayers) {
+  if (layers_.size() >= kMaxLayers && !MakeRoom(now)) {
     Refuse(life.id, fmt::format("{} layers are followed already", kMaxLayers));
     return nullptr;
   }
@@ -201,8 +217,41 @@ LayerFollower* MapFollower::FindOrAdd(const layer_digest_t& digest) {
   return &Find(digest.layer)->copy;
 }
 
+// A tie is for what is there. Nobody who speaks first, or for one layer alone, decides for others.
+void MapFollower::ChooseOptions(const LayerId& id, const MapOptions& options,
+                                Clock::time_point now) {
+  std::erase_if(told_,
+                [&](const auto& told) { return Seconds(now - told.second.when) > kToldLately_s; });
+  if (told_.contains(id) || told_.size() < kMaxLayers) told_[id] = {options, now};
+  const auto votes_for = [&](const MapOptions& other) {
+    return std::count_if(told_.begin(), told_.end(),
+                         [&](const auto& told) { return told.second.options == other; });
+  };
+  if (map_options_ && votes_for(options) <= votes_for(*map_options_)) return;
+  if (!std::exchange(map_options_, options)) return;
+  while (!layers_.empty()) Erase(layers_.begin());
+  refused_.clear();
+  merged_ = {};
+}
+
+// For a layer without tiles there is no loss in being heard of again.
+bool MapFollower::MakeRoom(Clock::time_point now) {
+  auto least = layers_.end();
+  for (auto layer = layers_.begin(); layer != layers_.end(); ++layer) {
+    if (!layer->second.copy.IsEmpty()) continue;
+    if (least == layers_.end() ||
+        layer->second.copy.last_spoken_for() < least->second.copy.last_spoken_for()) {
+      least = layer;
+    }
+  }
+  if (least == layers_.end()) return false;
+  gossip_.SetStranger(least->first, now);
+  Erase(least);
+  return true;
+}
+
 void MapFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point now) {
-  LayerFollower* copy = FindOrAdd(digest);
+  LayerFollower* copy = FindOrAdd(digest, now);
   if (copy == nullptr) return;
   copy->TakeDigest(digest, now);
   ForgetReplaced(FromMessage(digest.layer).id, now);
@@ -210,7 +259,7 @@ void MapFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point now
 
 void MapFollower::TakeStandInDigest(const stand_in_digest_t& stand_in, Clock::time_point now) {
   if (static_cast<uint64_t>(stand_in.daemon_nonce) == nonce_) return;
-  LayerFollower* copy = FindOrAdd(stand_in.digest);
+  LayerFollower* copy = FindOrAdd(stand_in.digest, now);
   if (copy == nullptr) return;
   copy->TakeStandInDigest(stand_in, now);
   Followed* followed = Find(stand_in.digest.layer);
@@ -278,9 +327,10 @@ void MapFollower::ObeyControls(const LayerControls& before) {
   for (const LayerId& id : shifted) Add(id, LayerFollower(id, ++seed_, PartFor(id)));
 }
 
-void MapFollower::SetOwnLayer(LayerId id) {
+void MapFollower::SetOwnLayer(LayerId id, uint64_t incarnation) {
   if (const auto layer = layers_.find(id); layer != layers_.end()) Erase(layer);
   keeper_->own_layer = std::move(id);
+  keeper_->own_incarnation = incarnation;
 }
 
 void MapFollower::Refuse(const LayerId& id, std::string why) {
@@ -295,6 +345,12 @@ std::vector<std::string> MapFollower::refused() const {
 
 std::vector<MapFollower::Message> MapFollower::Tick(Clock::time_point now) {
   std::vector<Message> messages;
+  for (auto entry = layers_.begin(); entry != layers_.end();) {
+    const LayerFollower& copy = entry->second.copy;
+    const bool is_gone = copy.IsEmpty() && Seconds(now - copy.last_spoken_for()) > kForgetAfter_s;
+    if (is_gone) gossip_.SetStranger(entry->first, now);
+    entry = is_gone ? Erase(entry) : std::next(entry);
+  }
   for (auto& [id, followed] : layers_) {
     for (layer_pull_t& pull : followed.copy.Tick(now)) messages.emplace_back(std::move(pull));
     if (!followed.stand_in) continue;
@@ -308,6 +364,7 @@ std::vector<MapFollower::Message> MapFollower::Tick(Clock::time_point now) {
       std::visit([&](auto& m) { messages.emplace_back(std::move(m)); }, message);
     }
   }
+  if (!options_.takes_decisions) return messages;
   for (control_records_t& records : gossip_.Tick(now)) messages.emplace_back(std::move(records));
   return messages;
 }
@@ -327,7 +384,10 @@ LayerControls MapFollower::SummedControls() const {
 
 std::vector<LayerSnapshot> MapFollower::LayerSnapshots() {
   std::vector<LayerSnapshot> layers;
-  for (auto& [id, followed] : layers_) layers.push_back(followed.copy.Snapshot());
+  for (auto& [id, followed] : layers_) {
+    LayerSnapshot layer = followed.copy.Snapshot();
+    if (layer.epoch != LayerEpoch{}) layers.push_back(std::move(layer));
+  }
   return layers;
 }
 

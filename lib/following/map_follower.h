@@ -31,6 +31,9 @@ struct FollowOptions {
   // stands for finer ones from (i, j) 2^level on. Shifts of layers are rounded to knots of the
   // level.
   Detail detail;
+  // Whether decisions about layers are taken from the bus, and passed on. Else those that were
+  // there at the beginning stay, and nobody on the bus can mute, shift or remove a layer here.
+  bool takes_decisions = true;
   // Of all layers together, 2 KiB each; what is beyond is left out, and layers are not in sync.
   size_t max_tiles = size_t{1} << 20;
 };
@@ -44,6 +47,7 @@ struct Keeper {
   LayerId own_layer;  // never followed
   uint64_t daemon_nonce = 0;
   PublisherOptions publisher;  // bytes_per_s: of all layers that it stands in for
+  uint64_t own_incarnation = 0;
 };
 
 struct FollowedLayer {
@@ -63,10 +67,12 @@ struct FollowedLayer {
 };
 
 // A copy of the map that daemons publish, made of their messages alone, from a bus or a log, and
-// summed as people have decided. The layer of an owner that is silent stays; unless this is a
-// keeper, it is forgotten after 10 s if nobody stands in for the owner and another layer of the
-// same name is in sync: a robot that began a new map. Stands in for silent owners, which is left to
-// keepers where there are any. Without threads and sockets of its own. Thread-compatible.
+// summed as people have decided. The layer of an owner that is silent stays. It is forgotten after
+// 10 s if it has no tiles; and, unless this is a keeper, if nobody stands in for the owner and
+// another layer of the same name is in sync: a robot that began a new map. Who keeps nothing takes
+// knot interval and limits from most of the layers of which it has heard of late, and begins anew
+// when they change. Stands in for silent owners, which is left to keepers where there are any.
+// Without threads and sockets of its own. Thread-compatible.
 class MapFollower {
  public:
   using Message = std::variant<layer_pull_t, layer_updates_t, layer_listing_t, stand_in_digest_t,
@@ -103,11 +109,17 @@ class MapFollower {
   std::vector<FollowedLayer> Layers(Clock::time_point now) const;
 
   const LayerControls& controls() const { return gossip_.controls(); }
+  // Those that are worth keeping on a disk.
+  LayerControls LastingControls() const { return gossip_.LastingControls(); }
+  // Decisions from the bus that cannot be.
+  int64_t refused_decisions() const { return gossip_.refused(); }
+  // Decisions from the bus that are not taken, though they would change something.
+  int64_t ignored_decisions() const { return ignored_decisions_; }
   // Tells everybody; takes effect here at once.
   void Decide(const LayerId& id, const LayerControl& control);
 
-  // A keeper that goes on as another layer.
-  void SetOwnLayer(LayerId id);
+  // A keeper that goes on as another layer, or in another start.
+  void SetOwnLayer(LayerId id, uint64_t incarnation);
 
   int64_t bytes_received() const { return bytes_received_; }
   int64_t malformed() const { return malformed_; }
@@ -123,7 +135,10 @@ class MapFollower {
   };
 
   bool IsWanted(const LayerLife& life, int32_t protocol_version);
-  LayerFollower* FindOrAdd(const layer_digest_t& digest);
+  LayerFollower* FindOrAdd(const layer_digest_t& digest, Clock::time_point now);
+  void ChooseOptions(const LayerId& id, const MapOptions& options, Clock::time_point now);
+  bool MakeRoom(Clock::time_point now);
+  std::optional<uint64_t> IncarnationOf(const LayerId& id) const;
   void TakeDigest(const layer_digest_t& digest, Clock::time_point now);
   void TakeStandInDigest(const stand_in_digest_t& stand_in, Clock::time_point now);
   void TakePull(const layer_pull_t& pull, Clock::time_point now);
@@ -145,6 +160,11 @@ class MapFollower {
   const uint64_t nonce_;  // as one that stands in
   uint64_t seed_;
   std::optional<MapOptions> map_options_;
+  struct Told {
+    MapOptions options;
+    Clock::time_point when;
+  };
+  std::map<LayerId, Told> told_;        // the options of layers, by digests of late
   std::map<LayerId, Followed> layers_;  // in an order that is the same for every follower
   ControlGossip gossip_;
   std::map<LayerId, std::string> refused_;         // why
@@ -153,6 +173,7 @@ class MapFollower {
   uint64_t version_ = 0;  // beside those of layers_
   int64_t bytes_received_ = 0;
   int64_t malformed_ = 0;
+  int64_t ignored_decisions_ = 0;
 };
 
 }  // namespace splinemap

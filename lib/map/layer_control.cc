@@ -77,6 +77,13 @@ bool LayerControls::Take(const LayerControls& others) {
   return is_new;
 }
 
+void LayerControls::Erase(const LayerId& id) {
+  const auto found = records_.find(id);
+  if (found == records_.end()) return;
+  hash_ -= HashOf(id, found->second);
+  records_.erase(found);
+}
+
 LayerControl LayerControls::Next(const LayerId& id, uint64_t writer) const {
   LayerControl next = Of(id);
   next.counter = greatest_counter() + 1;

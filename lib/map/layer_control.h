@@ -26,6 +26,10 @@ struct LayerControl {
   // Starts of a layer's owner come in generations of this many. A removal ends a generation, so
   // that an owner which was away and has been started since still belongs to what was removed.
   static constexpr uint64_t kStartsPerGeneration = uint64_t{1} << 20;
+  // Nobody who was away has missed more starts, or more decisions: what is further ahead of all
+  // that is known here is a mistake or a lie, which would use up the numbers for ever.
+  static constexpr uint64_t kMaxStartsAhead = uint64_t{1} << 30;
+  static constexpr uint64_t kMaxDecisionsAhead = uint64_t{1} << 32;
 
   bool muted = false;   // not in the sum
   bool yields = false;  // see MergedTiles
@@ -63,6 +67,8 @@ class LayerControls {
   // Takes what another one knows. False where that is nothing new, or kMax is reached.
   bool Take(const LayerId& id, const LayerControl& control);
   bool Take(const LayerControls& others);
+  // As if the layer had never had one.
+  void Erase(const LayerId& id);
 
   // The layer's record as `writer` may now change it and Take() it: later than all that are known.
   LayerControl Next(const LayerId& id, uint64_t writer) const;

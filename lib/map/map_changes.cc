@@ -2,6 +2,18 @@
 
 namespace splinemap {
 
+namespace {
+
+// Of the whole map, where there is one.
+std::optional<Region> RegionOfAll(const MapSnapshot& map) {
+  TileBox box;
+  map.merged.ForEach([&](TileKey key, const TileTree::Entry&) { box.Add(key); });
+  if (box.IsEmpty()) return std::nullopt;
+  return RegionOf(box, map.options.knot_interval_m);
+}
+
+}  // namespace
+
 TileBox ChangedTiles(const MapSnapshot& before, const MapSnapshot& after) {
   TileBox box;
   const auto add = [&](TileKey key, const TileTree::Entry&) { box.Add(key); };
@@ -12,6 +24,19 @@ TileBox ChangedTiles(const MapSnapshot& before, const MapSnapshot& after) {
   before.merged.ForEach(add);
   after.merged.ForEach(add);
   return box;
+}
+
+std::optional<Region> ChangedRegion(const MapSnapshot& before, const MapSnapshot& after) {
+  if (before.options == after.options) {
+    const TileBox changed = ChangedTiles(before, after);
+    if (changed.IsEmpty()) return std::nullopt;
+    return RegionOf(changed, after.options.knot_interval_m);
+  }
+  const std::optional<Region> gone = RegionOfAll(before);
+  const std::optional<Region> come = RegionOfAll(after);
+  if (!gone || !come) return gone ? gone : come;
+  return Region{std::min(gone->x0_m, come->x0_m), std::min(gone->y0_m, come->y0_m),
+                std::max(gone->x1_m, come->x1_m), std::max(gone->y1_m, come->y1_m)};
 }
 
 }  // namespace splinemap

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <optional>
+
 #include "lib/map/map.h"
 #include "lib/map/region.h"
 
@@ -9,5 +11,8 @@ namespace splinemap {
 // or follower. Costs what changed; all tiles where a layer is gone, muted, shifted or in a new
 // epoch.
 TileBox ChangedTiles(const MapSnapshot& before, const MapSnapshot& after);
+
+// Where the merged maps may differ, also where knot intervals do; nothing where they are equal.
+std::optional<Region> ChangedRegion(const MapSnapshot& before, const MapSnapshot& after);
 
 }  // namespace splinemap

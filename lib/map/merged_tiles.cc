@@ -27,7 +27,9 @@ TileTree MergedTiles::Update(const std::vector<LayerSnapshot>& layers,
   absl::flat_hash_set<TileKey> changed;
   for (const Summand& summand : summands) {
     const auto& [layer, yields, shift] = summand;
-    Seen& seen = seen_.try_emplace(layer->id, Seen{layer->epoch, yields, shift}).first->second;
+    Seen& seen =
+        seen_.try_emplace(layer->id, Seen{layer->epoch, yields, shift, layer->tiles.line()})
+            .first->second;
     layer->tiles.ForEachChanged(seen.up_to, [&](TileKey key, const TileTree::Entry&) {
       for (const TileKey moved : KeysOfShifted(key, summand.shift)) changed.insert(moved);
     });
@@ -67,7 +69,8 @@ bool MergedTiles::GoesOn(const std::vector<Summand>& summands) const {
     const auto seen = seen_.find(layer->id);
     if (seen == seen_.end()) continue;
     const Seen& before = seen->second;
-    if (before.epoch != layer->epoch || before.yields != yields || before.shift != shift) {
+    if (before.epoch != layer->epoch || before.yields != yields || before.shift != shift ||
+        before.line != layer->tiles.line()) {
       return false;
     }
     ++known;

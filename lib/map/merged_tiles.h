@@ -20,8 +20,8 @@ class MergedTiles {
  public:
   // merged[k] = clamp(sum of layers[k] + clamp'(sum of yielding layers[k])), over the layers that
   // `controls` do not leave out, each shifted as they say. What is shifted beyond kMaxKnotIndex is
-  // left out. Costs what changed since
-  // the last call; all of it where a layer is gone or shifted, or its owner began a new life.
+  // left out. Costs what changed since the last call; all of it where a layer is gone or shifted,
+  // lost tiles, or its owner began a new life.
   TileTree Update(const std::vector<LayerSnapshot>& layers, const LayerControls& controls,
                   ControlLimits limits);
 
@@ -30,7 +30,8 @@ class MergedTiles {
     LayerEpoch epoch;
     bool yields;
     KnotShift shift;
-    uint64_t up_to = 0;  // epoch of its tiles
+    uint64_t line = 0;   // of its tiles
+    uint64_t up_to = 0;  // their epoch
   };
   struct Summand {
     const LayerSnapshot* layer;

@@ -28,6 +28,10 @@ const char* SymptomName(Symptom symptom) {
       return "shared_name";
     case Symptom::kRefusedLayer:
       return "refused_layer";
+    case Symptom::kRefusedDecision:
+      return "refused_decision";
+    case Symptom::kDisownedTiles:
+      return "disowned_tiles";
   }
   return "unknown";
 }

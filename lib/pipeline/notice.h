@@ -21,8 +21,10 @@ enum class Symptom {
   kSharedIdentity,    // somebody else publishes the daemon's layer
   kSharedName,        // two layers have one name
   kRefusedLayer,      // a layer that cannot be summed
+  kRefusedDecision,   // a decision about a layer that nobody can have made
+  kDisownedTiles,     // tiles in the name of a robot that does not have them
 };
-inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kRefusedLayer) + 1;
+inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kDisownedTiles) + 1;
 
 // As in status messages: "useless_beam_times".
 const char* SymptomName(Symptom symptom);

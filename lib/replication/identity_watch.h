@@ -7,13 +7,14 @@
 namespace splinemap {
 
 // What an owner hears of other lives of its own layer, and which life it has to begin then. Of two
-// owners of one layer the one in the lesser life gives way. Thread-compatible.
+// owners of one layer the one in the lesser life gives way. One message alone changes nothing: who
+// is there says so again and again. Thread-compatible.
 class IdentityWatch {
  public:
   // Lives of other layers and the owner's own are ignored.
   //
   // A digest: another owner is on the bus, or a log of one.
-  void TakeDigest(const LayerLife& heard, const LayerLife& own);
+  void TakeDigest(const LayerLife& heard, const LayerLife& own, Clock::time_point now);
   // A follower asks for a life: if it is a later one and its owner is not there, this one's file is
   // an older copy.
   void TakePull(const LayerLife& heard, const LayerLife& own, Clock::time_point now);
@@ -27,12 +28,16 @@ class IdentityWatch {
   std::optional<NextLife> Next(const LayerLife& own, Clock::time_point now, uint64_t random);
 
  private:
-  static void Remember(std::optional<LayerLife>& greatest, const LayerLife& heard);
+  // The greatest life that was heard of, of the layer that was one's own then.
+  struct Heard {
+    LayerLife life;
+    Clock::time_point since;
+    Clock::time_point last;
+  };
+  static void Remember(std::optional<Heard>& heard, const LayerLife& life, Clock::time_point now);
 
-  // The greatest that was heard, of the layer that was one's own then.
-  std::optional<LayerLife> other_owner_;
-  std::optional<LayerLife> asked_for_;
-  Clock::time_point since_;  // of asked_for_
+  std::optional<Heard> other_owner_;
+  std::optional<Heard> asked_for_;
 };
 
 }  // namespace splinemap

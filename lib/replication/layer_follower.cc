@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <utility>
 
+#include "absl/container/flat_hash_set.h"
+#include "lib/map/validity.h"
+
 namespace splinemap {
 namespace {
 
@@ -22,8 +25,13 @@ constexpr int kMaxPostponed = 10;
 // Who begins again in a lesser life when the owner is gone, because its file is an older copy, is
 // told that there was a later one.
 constexpr milliseconds kObjection(1000);
-// A life that nobody speaks of any more, and that was never whole, is given up.
+// A life that nobody speaks of any more, and that was never whole, is given up; one that was heard
+// of for less than the probation, sooner.
 constexpr milliseconds kGiveUpLife(10'000);
+constexpr milliseconds kProbation(2000);
+constexpr milliseconds kGiveUpOnProbation(3500);
+// Changes that an owner can have pushed since its last digest.
+constexpr uint64_t kMaxAhead = uint64_t{1} << 20;
 // How often owners have to be told that a coarser level is still wanted.
 constexpr milliseconds kRenewal(5000);
 
@@ -44,10 +52,8 @@ LayerFollower::LayerFollower(LayerId id, uint64_t seed, Part part)
 LayerFollower::LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::time_point now)
     : id_(kept.id), random_(seed), last_heard_(now), last_spoken_for_(now) {
   BeginTree(kept.epoch);
-  kept.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    Keep(key, entry.tile, entry.revision, TileChecksum(key, *entry.tile));
-  });
-  newest_revision_ = std::max(newest_revision_, kept.revision);
+  ReplaceTiles(kept);
+  is_established_ = true;
 }
 
 bool LayerFollower::Admit(const layer_epoch_t& layer) {
@@ -60,18 +66,21 @@ bool LayerFollower::Admit(const layer_epoch_t& layer) {
   return epoch_ && life.epoch == *epoch_ && life.detail == part_.detail;
 }
 
-void LayerFollower::BeginLife(LayerEpoch epoch) {
+void LayerFollower::BeginLife(LayerEpoch epoch, Clock::time_point now) {
   // What is shown stays: the last life that was whole, or the first that was heard.
   if (epoch_ && !previous_) {
     previous_ = OwnSnapshot();
     previous_index_ = std::exchange(index_, {});
   }
   BeginTree(epoch);
+  life_since_ = now;
 }
 
-void LayerFollower::BeginTree(LayerEpoch epoch) {
+void LayerFollower::BeginTree(std::optional<LayerEpoch> epoch) {
   ++version_;
   epoch_ = epoch;
+  is_established_ = false;
+  lesser_was_heard_ = false;
   digest_.reset();
   owners_digest_.reset();
   stand_in_digest_.reset();
@@ -84,20 +93,56 @@ void LayerFollower::BeginTree(LayerEpoch epoch) {
   check_.reset();
   checked_hash_.reset();
   checked_nodes_.clear();
+  unlisted_.clear();
+  unlisted_before_.clear();
+  disowned_.clear();
   next_renewal_.reset();
   is_equal_ = false;
   in_sync_ = false;
 }
 
-// The owner, and all others, are gone before this life was whole: what is shown is what there is.
-void LayerFollower::GoBackALife() {
-  const LayerSnapshot shown = *std::exchange(previous_, std::nullopt);
-  previous_index_ = {};
-  BeginTree(shown.epoch);
-  shown.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    Keep(key, entry.tile, entry.revision, TileChecksum(key, *entry.tile));
+void LayerFollower::ReplaceTiles(const LayerSnapshot& layer) {
+  ++version_;
+  tiles_ = TileTreeEditor(layer.tiles);
+  index_ = {};
+  layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    index_.Set(key, TileChecksum(key, *entry.tile));
   });
-  newest_revision_ = std::max(newest_revision_, shown.revision);
+  FindNewestRevision();
+  newest_revision_ = std::max(newest_revision_, layer.revision);
+  checked_hash_.reset();
+  checked_nodes_.clear();
+}
+
+void LayerFollower::FindNewestRevision() {
+  newest_revision_ = revision_;
+  tiles_.tree().ForEach([&](TileKey, const TileTree::Entry& entry) {
+    newest_revision_ = std::max(newest_revision_, entry.revision);
+  });
+}
+
+void LayerFollower::HearLife(Clock::time_point now) {
+  last_spoken_for_ = now;
+  is_established_ |= now - life_since_ >= kProbation;
+}
+
+// What is shown is what there is, where the owner and all others are gone before a life was whole,
+// or where one was hardly heard of.
+void LayerFollower::LookAtLife(Clock::time_point now) {
+  const Clock::duration silence = now - last_spoken_for_;
+  const bool is_over = previous_ && silence > kGiveUpLife;
+  const bool is_mistaken = epoch_ && !is_established_ && silence > kGiveUpOnProbation &&
+                           (previous_ || lesser_was_heard_);
+  if (!is_over && !is_mistaken) return;
+  const std::optional<LayerSnapshot> shown = std::exchange(previous_, std::nullopt);
+  previous_index_ = {};
+  if (!shown) {
+    BeginTree(std::nullopt);
+    return;
+  }
+  BeginTree(shown->epoch);
+  ReplaceTiles(*shown);
+  is_established_ = true;
 }
 
 void LayerFollower::ForgetPreviousLife() {
@@ -113,11 +158,14 @@ void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point n
   }
   const LayerLife life = FromMessage(digest.layer);
   if (life.id != id_) return;
-  if (!epoch_ || life.epoch > *epoch_) BeginLife(life.epoch);
+  if (!epoch_ || life.epoch > *epoch_) BeginLife(life.epoch, now);
   if (life.epoch == *epoch_) {
     last_heard_ = now;
-    last_spoken_for_ = now;
+    owner_is_silent_ = false;
+    HearLife(now);
     next_objection_.reset();
+  } else if (!is_established_) {
+    lesser_was_heard_ = true;
   } else if (OwnerIsSilent(now) && !next_objection_) {
     next_objection_ = now + random_.UpTo(kObjection);
   }
@@ -127,7 +175,7 @@ void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point n
     return;
   }
   owners_digest_ = digest;
-  CompareWith(digest, now);
+  CompareWith(digest, /*is_owners=*/true, now);
 }
 
 void LayerFollower::TakeStandInDigest(const stand_in_digest_t& stand_in, Clock::time_point now) {
@@ -139,8 +187,8 @@ void LayerFollower::TakeStandInDigest(const stand_in_digest_t& stand_in, Clock::
   const LayerLife life = FromMessage(digest.layer);
   if (life.id != id_) return;
   if (epoch_ && life.epoch == *epoch_ && !OwnerIsSilent(now)) return;
-  if (!epoch_ || life.epoch > *epoch_) BeginLife(life.epoch);
-  if (life.epoch == *epoch_) last_spoken_for_ = now;
+  if (!epoch_ || life.epoch > *epoch_) BeginLife(life.epoch, now);
+  if (life.epoch == *epoch_) HearLife(now);
   if (!Admit(digest.layer)) return;
   const auto& last = stand_in_digest_;
   if (last && last->daemon_nonce == stand_in.daemon_nonce && digest.utime <= last->digest.utime &&
@@ -149,22 +197,34 @@ void LayerFollower::TakeStandInDigest(const stand_in_digest_t& stand_in, Clock::
     return;
   }
   stand_in_digest_ = stand_in;
-  CompareWith(digest, now);
+  CompareWith(digest, /*is_owners=*/false, now);
 }
 
-void LayerFollower::CompareWith(const layer_digest_t& digest, Clock::time_point now) {
+void LayerFollower::CompareWith(const layer_digest_t& digest, bool is_owners,
+                                Clock::time_point now) {
   digest_ = digest;
   at_digest_ = tiles_.Freeze();
   if (!part_.box) in_sync_ = false;  // what changed beside a part says nothing of it
   LookForMatch(now);
   // While something is asked for, it comes first: to list everything anew each time would take the
   // owner's bytes from the tiles.
-  if (!Matches() && wanted_.empty()) BeginCheck(now);
+  if (Matches() || !wanted_.empty()) return;
+  check_ = Check{digest, now, is_owners};
+  BeginCheck(now);
 }
 
 void LayerFollower::BeginCheck(Clock::time_point now) {
-  check_ = Check{*digest_, now};
-  const int root_level = std::clamp<int>(digest_->root_level, 1, HashIndex::kMaxLevel);
+  unlisted_before_ = std::exchange(unlisted_, {});
+  const int root_level = digest_->root_level;
+  if (check_->is_owners && index_.root_level() > root_level) {
+    const int64_t side = int64_t{1} << (3 * root_level);
+    const auto is_beyond = [&](int64_t t) { return t < -side || t >= side; };
+    std::vector<TileKey> unlisted;
+    tiles_.tree().ForEach([&](TileKey key, const TileTree::Entry&) {
+      if (is_beyond(key.tx) || is_beyond(key.ty)) unlisted.push_back(key);
+    });
+    DropDisowned(unlisted);
+  }
   for (const int32_t y : {-1, 0}) {
     for (const int32_t x : {-1, 0}) {
       if (!IsOutside({root_level, x, y})) Want({root_level, x, y}, 0, now);
@@ -184,25 +244,40 @@ void LayerFollower::LookForMatch(Clock::time_point now) {
   std::optional<Check> done;
   if (is_equal_) {
     done = Check{*digest_, now};
+    unlisted_.clear();
   } else if (check_ && wanted_.empty()) {
     done = check_;
-    is_equal_ = part_.box && done->digest.hash == digest_->hash;
+    is_equal_ = part_.box && unlisted_.empty() && done->digest.hash == digest_->hash;
   }
-  if (!done) return;
+  if (previous_ && !is_established_) is_equal_ = false;  // it is not what is shown
+  if (!done || (previous_ && !is_established_)) return;
   check_.reset();
   wanted_.clear();
   in_sync_ = true;
   last_match_ = done->begin;
   lag_s_ = done->digest.lag_s;
-  if (done->is_undisturbed) checked_hash_ = static_cast<uint64_t>(done->digest.hash);
+  if (done->is_undisturbed && unlisted_.empty()) checked_hash_ = static_cast<uint64_t>(done->digest.hash);
   revision_ = static_cast<uint64_t>(done->digest.revision);
   newest_revision_ = std::max(newest_revision_, revision_);
-  if (is_equal_) whole_ = OwnSnapshot();
+  if (is_equal_) {
+    whole_ = OwnSnapshot();
+    whole_hash_ = static_cast<uint64_t>(digest_->hash);
+  }
   ForgetPreviousLife();
 }
 
+// What came after the last digest of an owner that is gone, nobody can vouch for; where the copy
+// was never equal to it, what others have as well may still make it so.
+void LayerFollower::DropWhatCameLast() {
+  if (!owners_digest_ || !whole_ || part_.box || previous_ || whole_->epoch != epoch_ ||
+      whole_hash_ != static_cast<uint64_t>(owners_digest_->hash) || index_.hash() == whole_hash_) {
+    return;
+  }
+  ReplaceTiles(*whole_);
+}
+
 void LayerFollower::TakeUpdates(const layer_updates_t& updates) {
-  if (!Admit(updates.layer)) return;
+  if (!Admit(updates.layer) || !digest_) return;
   for (const tile_update_t& update : updates.tiles) Apply(update);
 }
 
@@ -212,26 +287,42 @@ void LayerFollower::Apply(const tile_update_t& message) {
                           std::string(message.content.begin(), message.content.end()),
                           static_cast<uint64_t>(message.checksum),
                           static_cast<uint64_t>(message.base_checksum)};
-  if (part_.box && !part_.box->Contains(update.key)) return;
-  if (!IsInRange(update.key)) {
+  const TileKey key = update.key;
+  if (part_.box && !part_.box->Contains(key)) return;
+  const ControlLimits limits{static_cast<ControlPoint>(digest_->min_control_point),
+                             static_cast<ControlPoint>(digest_->max_control_point)};
+  if (!IsInRange(key) || update.revision == 0 ||
+      update.revision > static_cast<uint64_t>(digest_->revision) + kMaxAhead) {
     ++counts_.unusable;
     return;
   }
-  if (tiles_.tree().Find(update.key) != nullptr &&
-      tiles_.tree().RevisionOf(update.key) >= update.revision) {
+  // Who stands in answers, and does not push.
+  if (owner_is_silent_ && !wanted_.contains({0, key.tx, key.ty})) return;
+  const Tile* known = tiles_.tree().Find(key);
+  const auto disowned = disowned_.find(key);
+  const uint64_t least = disowned != disowned_.end() ? disowned->second
+                         : known == nullptr          ? 0
+                                                     : tiles_.tree().RevisionOf(key) + 1;
+  if (update.revision < least) {
     ++counts_.stale;
     return;
   }
-  if (IsFull() && tiles_.tree().Find(update.key) == nullptr) {
+  if (IsFull() && known == nullptr) {
     ++counts_.unusable;
     return;
   }
   const absl::StatusOr<Tile> tile = TileOfUpdate(update, FindBase(update));
-  if (!tile.ok()) {
+  if (!tile.ok() || !CheckTile(key, *tile, limits).ok()) {
     ++counts_.unusable;
     return;
   }
-  Keep(update.key, std::make_shared<const Tile>(*tile), update.revision, update.checksum);
+  const bool was_disowned = disowned != disowned_.end();
+  if (was_disowned) {
+    counts_.disowned += known != nullptr && *known != *tile ? 1 : 0;
+    disowned_.erase(disowned);
+  }
+  Keep(key, std::make_shared<const Tile>(*tile), update.revision, update.checksum);
+  if (was_disowned) FindNewestRevision();
   ++counts_.applied;
 }
 
@@ -278,7 +369,54 @@ void LayerFollower::TakeNode(const node_listing_t& listing, Clock::time_point no
     is_equal &= TakeChild(node.Child(listing.children[n] & 63), child_hash,
                           static_cast<uint64_t>(listing.revisions[n]), now);
   }
+  if (check_ && check_->is_owners) is_equal &= !TakeUnlisted(node, listing);
   if (is_equal && !IsWhole(node)) checked_nodes_[node] = hash;
+}
+
+bool LayerFollower::TakeUnlisted(const NodeKey& node, const node_listing_t& listing) {
+  std::vector<TileKey> unlisted;
+  for (const HashIndex::Child& child : index_.ChildrenOf(node)) {
+    const auto is_child = [&](uint8_t k) { return (k & 63) == child.k; };
+    if (child.hash == 0 ||
+        std::any_of(listing.children.begin(), listing.children.end(), is_child)) {
+      continue;
+    }
+    FindTiles(node.Child(child.k), unlisted);
+  }
+  return DropDisowned(unlisted);
+}
+
+void LayerFollower::FindTiles(const NodeKey& node, std::vector<TileKey>& keys) const {
+  if (node.level == 0) {
+    keys.push_back({node.x, node.y});
+    return;
+  }
+  for (const HashIndex::Child& child : index_.ChildrenOf(node)) {
+    FindTiles(node.Child(child.k), keys);
+  }
+}
+
+// Drops those that were not listed before either. False where there are none at all.
+bool LayerFollower::DropDisowned(const std::vector<TileKey>& unlisted) {
+  absl::flat_hash_set<TileKey> dropped;
+  for (const TileKey& key : unlisted) {
+    if (IsDisowned(key, tiles_.tree().RevisionOf(key))) dropped.insert(key);
+  }
+  if (dropped.empty()) return !unlisted.empty();
+  TileTreeEditor rest;
+  tiles_.tree().ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    if (!dropped.contains(key)) rest.Put(key, entry.tile, entry.revision);
+  });
+  counts_.disowned += std::ssize(dropped);
+  ReplaceTiles({id_, *epoch_, revision_, rest.Freeze()});
+  return true;
+}
+
+// What was pushed since a list was made is on the next one.
+bool LayerFollower::IsDisowned(TileKey key, uint64_t revision) {
+  unlisted_[key] = revision;
+  const auto before = unlisted_before_.find(key);
+  return before != unlisted_before_.end() && before->second == revision;
 }
 
 bool LayerFollower::TakeChild(const NodeKey& child, uint64_t hash, uint64_t revision,
@@ -296,7 +434,12 @@ bool LayerFollower::TakeChild(const NodeKey& child, uint64_t hash, uint64_t revi
     return false;
   }
   const TileKey key{child.x, child.y};
-  if (!IsInRange(key) || tiles_.tree().RevisionOf(key) >= revision) return false;
+  if (!IsInRange(key)) return false;
+  if (const uint64_t known = tiles_.tree().RevisionOf(key); known >= revision) {
+    if (!check_ || !check_->is_owners) return false;
+    if (known > revision && !IsDisowned(key, known)) return false;
+    disowned_[key] = revision;
+  }
   in_sync_ = false;
   if (IsFull() && tiles_.tree().Find(key) == nullptr) {
     GiveUpCheck();
@@ -360,7 +503,9 @@ void LayerFollower::GiveUpCheck() {
 
 std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
   std::vector<layer_pull_t> pulls;
-  if (previous_ && now - last_spoken_for_ > kGiveUpLife) GoBackALife();
+  LookAtLife(now);
+  if (!epoch_) return pulls;
+  if (!std::exchange(owner_is_silent_, OwnerIsSilent(now)) && owner_is_silent_) DropWhatCameLast();
   if (!in_sync_ || check_) LookForMatch(now);
   const int max_asks = OwnerIsSilent(now) ? kMaxAsksOfStandIns : kMaxAsks;
   const size_t given_up = absl::erase_if(wanted_, [&](const auto& wanted) {

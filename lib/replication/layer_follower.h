@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "absl/container/flat_hash_map.h"
+
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
@@ -24,8 +25,13 @@ namespace splinemap {
 // The follower's side of the protocol for one layer at one level of detail: a copy of what the
 // owner has published, or of a part of it, made of whatever messages arrive, in any order and as
 // often as they like. Digests tell whether it is the whole; where not, it pulls what differs. Of a
-// part, and only then, every new digest makes it ask for hashes down to the part. Without clocks,
-// threads or sockets of its own. Thread-compatible.
+// part, and only then, every new digest makes it ask for hashes down to the part.
+//
+// Anybody can write messages in the owner's name, so what a single one says is not believed for
+// long: a new life of the owner replaces the one before after two seconds of digests; a tile that
+// the owner does not list in two checks is dropped, or fetched anew; and what came after the last
+// digest of an owner that fell silent is dropped where the copy was equal at that digest. Without
+// clocks, threads or sockets of its own. Thread-compatible.
 class LayerFollower {
  public:
   // An owner that has said nothing for so long is gone.
@@ -58,8 +64,8 @@ class LayerFollower {
   // What is to be asked now. Call it some times a second.
   std::vector<layer_pull_t> Tick(Clock::time_point now);
 
-  // The copy. Of a new life of the owner it is shown from the first moment in which it is whole;
-  // until then, what the life before left.
+  // The copy. Of a new life of the owner it is shown from the first moment in which it is whole and
+  // was spoken of for two seconds; until then, what the life before left.
   LayerSnapshot Snapshot();
   // Counts on when that changes.
   uint64_t version() const { return version_; }
@@ -91,14 +97,17 @@ class LayerFollower {
   // Its owner in the present life; or that or a stand-in for it.
   Clock::time_point last_heard() const { return last_heard_; }
   Clock::time_point last_spoken_for() const { return last_spoken_for_; }
+  // Whether nothing of it would be missed: it was never heard, or has no tiles.
+  bool IsEmpty() const { return tiles_.tree().size() == 0 && !previous_; }
   bool OwnerWasHeard() const { return owners_digest_.has_value(); }
   bool OwnerIsSilent(Clock::time_point now) const { return now - last_heard_ > kMaxSilence; }
 
   struct Counts {
     int64_t applied = 0;
-    int64_t stale = 0;        // doubled, late, or of an older life
-    int64_t unusable = 0;     // differences to what is not there, and damaged ones
-    int64_t foreign = 0;      // of another version of the protocol
+    int64_t stale = 0;     // doubled, late, or of an older life
+    int64_t unusable = 0;  // differences to what is not there, damaged ones, values that cannot be
+    int64_t disowned = 0;  // tiles that its owner did not list, dropped or fetched anew
+    int64_t foreign = 0;   // of another version of the protocol
     int64_t asked_tiles = 0;  // losses, and what a late joiner lacks
     int64_t asked_nodes = 0;
   };
@@ -114,10 +123,14 @@ class LayerFollower {
 
   // False where the message is none of this layer's present life. Lives begin with a digest.
   bool Admit(const layer_epoch_t& layer);
-  void BeginLife(LayerEpoch epoch);
-  void BeginTree(LayerEpoch epoch);
-  void GoBackALife();
-  void CompareWith(const layer_digest_t& digest, Clock::time_point now);
+  void BeginLife(LayerEpoch epoch, Clock::time_point now);
+  void BeginTree(std::optional<LayerEpoch> epoch);
+  void ReplaceTiles(const LayerSnapshot& layer);
+  void FindNewestRevision();
+  void HearLife(Clock::time_point now);
+  void LookAtLife(Clock::time_point now);
+  void DropWhatCameLast();
+  void CompareWith(const layer_digest_t& digest, bool is_owners, Clock::time_point now);
   void Apply(const tile_update_t& message);
   const Tile* FindBase(const TileUpdate& update) const;
   bool IsFull() const { return tiles_.tree().size() >= max_tiles_; }
@@ -127,6 +140,11 @@ class LayerFollower {
   void GiveUpCheck();
   // Whether what is there is equal; if not, it is asked for.
   bool TakeChild(const NodeKey& child, uint64_t hash, uint64_t revision, Clock::time_point now);
+  // What is there and not on the owner's list. False where that is nothing.
+  bool TakeUnlisted(const NodeKey& node, const node_listing_t& listing);
+  void FindTiles(const NodeKey& node, std::vector<TileKey>& keys) const;
+  bool DropDisowned(const std::vector<TileKey>& unlisted);
+  bool IsDisowned(TileKey key, uint64_t revision);
   bool IsWhole(const NodeKey& node) const;    // all of it is in the part
   bool IsOutside(const NodeKey& node) const;  // nothing of it is
   void BeginCheck(Clock::time_point now);
@@ -140,6 +158,10 @@ class LayerFollower {
   size_t max_tiles_ = size_t{1} << 20;  // 2 GiB
 
   std::optional<LayerEpoch> epoch_;
+  Clock::time_point life_since_;          // when it was first heard of
+  bool is_established_ = false;           // it was heard of for kProbation
+  bool lesser_was_heard_ = false;         // an owner in a lesser life, while it was not
+  bool owner_is_silent_ = false;          // as of the last Tick()
   std::optional<layer_digest_t> digest_;  // the last of this life
   std::optional<layer_digest_t> owners_digest_;
   std::optional<stand_in_digest_t> stand_in_digest_;
@@ -149,6 +171,7 @@ class LayerFollower {
   uint64_t revision_ = 0;
   uint64_t newest_revision_ = 0;  // of any tile
   std::optional<LayerSnapshot> whole_;
+  uint64_t whole_hash_ = 0;
 
   // What the life before left: shown until this one is whole, and a source of equal tiles.
   std::optional<LayerSnapshot> previous_;
@@ -159,9 +182,16 @@ class LayerFollower {
   struct Check {
     layer_digest_t digest;
     Clock::time_point begin;
+    bool is_owners = false;
     bool is_undisturbed = true;  // no tile has changed since
   };
   std::optional<Check> check_;
+  // Tiles with revisions that the owner did not list in this check and in the one before: it has
+  // pushed them since, or never.
+  absl::flat_hash_map<TileKey, uint64_t> unlisted_;
+  absl::flat_hash_map<TileKey, uint64_t> unlisted_before_;
+  // Of tiles that the owner never had like this, which revision it lists.
+  absl::flat_hash_map<TileKey, uint64_t> disowned_;
   // Of a part, for as long as no tile changes: the hash of the last digest that matched, and of
   // nodes that lie partly in it the hash at which what is in it matched.
   std::optional<uint64_t> checked_hash_;

@@ -67,11 +67,13 @@ std::vector<StandIn::Message> StandIn::Tick(Clock::time_point now, bool may_begi
     if (OtherLacksSomething(now)) BeginBy(now + random_.UpTo(kMaxBackOffOfBetter));
     if (now < *due_) return messages;
   }
-  if (!publisher_ || epoch_ != copy_.epoch()) {
-    epoch_ = copy_.epoch();
-    publisher_.emplace(copy_.Snapshot(), map_options_, options_);
+  const LayerSnapshot layer = copy_.Snapshot();
+  if (!publisher_ || epoch_ != layer.epoch || line_ != layer.tiles.line()) {
+    epoch_ = layer.epoch;
+    line_ = layer.tiles.line();
+    publisher_.emplace(layer, map_options_, options_);
   }
-  publisher_->SetLayer(copy_.Snapshot(), now);
+  publisher_->SetLayer(layer, now);
   for (const PublishedMessage& message : publisher_->Tick(now)) {
     if (const auto* digest = std::get_if<layer_digest_t>(&message)) {
       stand_in_digest_t stand_in;

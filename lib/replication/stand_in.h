@@ -47,6 +47,7 @@ class StandIn {
   RandomPause random_;
   std::optional<LevelsPublisher> publisher_;  // while it speaks
   LayerEpoch epoch_;                          // of what it speaks for
+  uint64_t line_ = 0;                         // of its tiles
   std::optional<Clock::time_point> due_;      // when it is to begin
   std::optional<stand_in_digest_t> other_;    // the last that was heard while the owner was silent
   Clock::time_point other_heard_;

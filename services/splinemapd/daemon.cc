@@ -105,8 +105,11 @@ void Daemon::Serve(const MapSnapshot& kept) {
   // A log of everything, replayed to a robot's daemon, must not count twice.
   if (follow.names.empty() && service.sensors()) follow.names = {""};
   follow.max_tiles = (size_t{service.max_followed_mb()} << 20) / sizeof(Tile);
+  follow.takes_decisions = service.remote_commands();
   keeper_ = std::make_unique<LayerKeeper>(
-      *bus_, follow, Keeper{map_->options(), OwnLife().id, nonce, options}, kept, *sum_);
+      *bus_, follow,
+      Keeper{map_->options(), OwnLife().id, nonce, options, OwnLife().epoch.incarnation}, kept,
+      *sum_);
   const Replier replier{
       .channel_prefix = prefix,
       .daemon_nonce = nonce,

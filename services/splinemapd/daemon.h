@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <deque>
 #include <future>
+#include <map>
 #include <memory>
 #include <optional>
 #include <set>
@@ -138,6 +139,9 @@ class Daemon {
   int64_t dropped_by_overload_ = 0;
   QueryServer::Counts noticed_queries_;
   std::set<std::string> noticed_refused_;
+  std::map<LayerId, int64_t> noticed_disowned_;
+  int64_t noticed_decisions_ = 0;
+  int64_t noticed_ignored_ = 0;
   bool noticed_full_ = false;
   LayerRoll roll_;
 

@@ -44,7 +44,7 @@ void Daemon::LookAtDigest(absl::Span<const uint8_t> message) {
     return;
   }
   MutexLock lock(mutex_);
-  identity_.TakeDigest(heard, own);
+  identity_.TakeDigest(heard, own, Clock::now());
 }
 
 void Daemon::FindNamesakes(const LayerId& first, const LayerId& second) {
@@ -139,7 +139,7 @@ absl::Status Daemon::BeginLife(const LayerLife& life, bool is_empty) {
     map_->layer(0).BeginLife(life.id, life.epoch);
   }
   ShowState();
-  keeper_->SetOwnLayer(life.id);
+  keeper_->SetOwnLayer(life.id, life.epoch.incarnation);
   return absl::OkStatus();
 }
 
@@ -213,17 +213,12 @@ absl::Status Daemon::DecideAboutLayer(const layer_command_request_t& request) {
   return Save();
 }
 
-// Whoever removed the layer, this daemon's map goes on without what there was; unless it takes no
-// commands from the bus: then it keeps it, though nobody else does.
+// Whoever removed the layer, this daemon's map goes on without what there was.
 absl::Status Daemon::ObeyRemoval() {
   LayerLife life = OwnLife();
   const LayerControl control = keeper_->Controls().Of(life.id);
-  if (!control.IsRemoved(life.epoch)) return absl::OkStatus();
-  if (!config_.service().remote_commands()) {
-    Report({.subject = "removed",
-            .text = fmt::format("somebody removed the layer {}, and followers ignore it; here it "
-                                "is kept, because of --no-remote-commands",
-                                life.id.name)});
+  // A file may have a removal from when commands were allowed.
+  if (!control.IsRemoved(life.epoch) || !config_.service().remote_commands()) {
     return absl::OkStatus();
   }
   life.epoch = {control.removed_up_to + 1, RandomId()};

@@ -87,6 +87,32 @@ void Daemon::LookAtLayers() {
                      "not in the map",
                      config_.service().max_followed_mb()));
   }
+  const std::map<LayerId, int64_t> before = std::exchange(noticed_disowned_, {});
+  for (const FollowedLayer& layer : keeper_->Layers()) {
+    noticed_disowned_[layer.id] = layer.counts.disowned;
+    const auto noticed = before.find(layer.id);
+    const int64_t more = layer.counts.disowned - (noticed == before.end() ? 0 : noticed->second);
+    if (more <= 0) continue;
+    Find(Symptom::kDisownedTiles, layer.id.name,
+         fmt::format("{} tiles came in the name of {} that {} does not have; they were dropped or "
+                     "fetched anew. Somebody else publishes in its name",
+                     more, layer.id.name, layer.id.name),
+         more);
+  }
+  const int64_t decisions = keeper_->RefusedDecisions();
+  if (const int64_t more = decisions - std::exchange(noticed_decisions_, decisions); more > 0) {
+    Find(Symptom::kRefusedDecision, "",
+         fmt::format("{} decisions about layers came over the bus that no splinemapd makes, and "
+                     "were ignored: their numbers are beyond all that is known",
+                     more),
+         more);
+  }
+  const int64_t ignored = keeper_->IgnoredDecisions();
+  if (ignored > std::exchange(noticed_ignored_, ignored)) {
+    Report({.subject = "ignored decisions",
+            .text = "decisions about layers are on the bus, and not taken here because of "
+                    "--no-remote-commands; others may leave layers out, this robot's as well"});
+  }
   const auto map = sum_->Snapshot();
   std::map<std::string, LayerId> first;  // of each name
   for (const LayerSnapshot& layer : map->layers) {
@@ -104,7 +130,8 @@ layers_t Daemon::Layers() {
   layers.num_refused = static_cast<int32_t>(layers.refused.size());
   const auto map = sum_->Snapshot();
   layers.name = map->layers.front().id.name;
-  layers.control_hash = static_cast<int64_t>(map->controls.hash());
+  layers.control_hash =
+      static_cast<int64_t>(keeper_ ? keeper_->Controls().hash() : map->controls.hash());
   const std::vector<FollowedLayer> followed =
       keeper_ ? keeper_->Layers() : std::vector<FollowedLayer>();
   layers.layers = roll_.Call(*map, followed);

@@ -56,7 +56,7 @@ void LayerKeeper::Run(const std::stop_token& stop) {
 void LayerKeeper::Show() {
   if (shown_ == follower_.version()) return;
   shown_ = follower_.version();
-  sum_.SetFollowed(follower_.LayerSnapshots(), follower_.controls());
+  sum_.SetFollowed(follower_.LayerSnapshots(), follower_.LastingControls());
 }
 
 void LayerKeeper::Decide(const LayerId& id, const LayerControl& control) {
@@ -80,14 +80,24 @@ std::vector<std::string> LayerKeeper::Refused() const {
   return follower_.refused();
 }
 
+int64_t LayerKeeper::RefusedDecisions() const {
+  MutexLock lock(mutex_);
+  return follower_.refused_decisions();
+}
+
+int64_t LayerKeeper::IgnoredDecisions() const {
+  MutexLock lock(mutex_);
+  return follower_.ignored_decisions();
+}
+
 bool LayerKeeper::IsFull() const {
   MutexLock lock(mutex_);
   return follower_.is_full();
 }
 
-void LayerKeeper::SetOwnLayer(const LayerId& id) {
+void LayerKeeper::SetOwnLayer(const LayerId& id, uint64_t incarnation) {
   MutexLock lock(mutex_);
-  follower_.SetOwnLayer(id);
+  follower_.SetOwnLayer(id, incarnation);
   Show();
 }
 

@@ -33,9 +33,11 @@ class LayerKeeper {
 
   std::vector<FollowedLayer> Layers() const;
   std::vector<std::string> Refused() const;
+  int64_t RefusedDecisions() const;
+  int64_t IgnoredDecisions() const;
   bool IsFull() const;
 
-  void SetOwnLayer(const LayerId& id);
+  void SetOwnLayer(const LayerId& id, uint64_t incarnation);
 
  private:
   void Run(const std::stop_token& stop);

@@ -55,8 +55,7 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->type_name("NAME")
       ->allow_extra_args(false);
   app.add_flag("--no-remote-commands", flags.no_remote_commands,
-               "Refuse to save or clear the map, or to decide about layers, when a client on the "
-               "bus says so");
+               "Take neither commands (save, clear) nor decisions about layers from the bus");
   app.add_flag("--check-config", flags.check_config, "Check flags and configuration, and end");
   app.add_flag("--print-config", flags.print_config,
                "Print the configuration with every option explained, and end");

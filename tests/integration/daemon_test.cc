@@ -200,19 +200,19 @@ TEST_F(DaemonTest, ALayerThatSomebodyRemovedGoesOnEmpty) {
   EXPECT_GT(SavedMap()->merged.size(), 0u);
 }
 
-TEST_F(DaemonTest, WithoutRemoteCommandsARemovedLayerStaysOnItsDisk) {
+TEST_F(DaemonTest, WithoutRemoteCommandsNoDecisionIsTakenFromTheBus) {
   config_.mutable_service()->set_remote_commands(false);
   Start();
   Drive(30);
   const int64_t tiles = AwaitStatus([](const status_t& s) { return s.revision == 30; }).tiles;
   PublishRemoval();
   AwaitStatus([](const status_t& s) {
-    return s.last_problem.find("somebody removed the layer robot") != std::string::npos;
+    return s.last_problem.find("not taken here because of --no-remote") != std::string::npos;
   });
   daemon_.reset();
   Start();
   EXPECT_EQ(AwaitStatus([](const status_t&) { return true; }).tiles, tiles);
-  EXPECT_GT(SavedMap()->controls.Of(SavedMap()->layers[0].id).removed_up_to, 0u);
+  EXPECT_TRUE(SavedMap()->controls.records().empty());
 }
 
 TEST_F(DaemonTest, ErrorsAtTheStartAreReturned) {

@@ -82,7 +82,8 @@ class Robot {
     }
     identity_ = {};
     follower_ = std::make_unique<MapFollower>(FollowOptions{},
-                                              Keeper{kOptions, id(), random_(), PublisherOptions{}},
+                                              Keeper{kOptions, id(), random_(), PublisherOptions{},
+                                                     layer_->epoch().incarnation},
                                               file_, random_(), now);
     Publish();
     Save();  // the new incarnation
@@ -135,7 +136,7 @@ class Robot {
   void Take(const std::vector<uint8_t>& bytes, Clock::time_point now) {
     const LayerLife own{layer_->id(), layer_->epoch(), {}};
     if (const auto digest = DecodeLayerDigest(bytes); digest.ok()) {
-      identity_.TakeDigest(FromMessage(digest->layer), own);
+      identity_.TakeDigest(FromMessage(digest->layer), own, now);
     } else if (const auto stand_in = DecodeStandInDigest(bytes); stand_in.ok()) {
       identity_.TakePull(FromMessage(stand_in->digest.layer), own, now);
     } else if (const auto pull = DecodeLayerPull(bytes); pull.ok()) {
@@ -150,11 +151,12 @@ class Robot {
     const LayerControl& control = follower_->controls().Of(own.id);
     if (control.IsRemoved(own.epoch)) {
       layer_->BeginEmptyLife({control.removed_up_to + 1, random_()});
+      follower_->SetOwnLayer(own.id, layer_->epoch().incarnation);
       Publish();
     } else if (const auto next = identity_.Next(own, now, random_())) {
       layer_->BeginLife(next->life.id, next->life.epoch);
       file_.own_layer = next->life.id;
-      follower_->SetOwnLayer(next->life.id);
+      follower_->SetOwnLayer(next->life.id, next->life.epoch.incarnation);
       Publish();
       Save();
     }

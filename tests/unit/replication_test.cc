@@ -28,6 +28,7 @@ using Random = std::mt19937_64;
 constexpr milliseconds kStep = Network::kStep;
 const LayerId kId{"robot", 7};
 const MapOptions kMapOptions{0.05, {}};
+const Clock::time_point kNow{std::chrono::hours(1)};
 
 // An owner with its map, and followers, on one network.
 class World {
@@ -151,6 +152,35 @@ class World {
     return is_equal && copy.tiles.size() == num_tiles;
   }
 
+  // To all followers, in the name of the owner.
+  void Forge(TileKey key, uint64_t revision, ControlPoint value) {
+    Tile tile;
+    tile.control_points.fill(value);
+    const TileUpdate update = MakeTileUpdate(key, tile, revision);
+    layer_updates_t updates;
+    updates.layer = ToMessage(OwnersLife());
+    updates.num_tiles = 1;
+    updates.tiles.resize(1);
+    tile_update_t& message = updates.tiles[0];
+    message.tx = key.tx;
+    message.ty = key.ty;
+    message.revision = static_cast<int64_t>(revision);
+    message.base_checksum = 0;
+    message.checksum = static_cast<int64_t>(update.checksum);
+    message.content.assign(update.content.begin(), update.content.end());
+    message.num_bytes = static_cast<int32_t>(message.content.size());
+    for (const auto& follower : followers_) follower->TakeUpdates(updates);
+  }
+  // A start of the owner that never was, without tiles.
+  void ForgeDigest(uint64_t incarnation) {
+    layer_digest_t digest = last_digest_;
+    digest.layer.incarnation = static_cast<int64_t>(incarnation);
+    digest.num_tiles = 0;
+    digest.hash = 0;
+    digest.revision = 0;
+    for (const auto& follower : followers_) follower->TakeDigest(digest, network_.now());
+  }
+
   // In the last step.
   bool DigestWasSent() const { return digest_was_sent_; }
 
@@ -246,6 +276,8 @@ TEST(ReplicationTest, TheDocumentedUpdateIsRead) {
   digest.root_level = 2;
   digest.utime = 1;
   digest.lag_s = 0;
+  digest.min_control_point = -2560;
+  digest.max_control_point = 2560;
   LayerFollower follower({"robot", 0x1122334455667788}, 1);
   follower.TakeDigest(digest, Clock::now());
   follower.TakeUpdates(updates);
@@ -455,12 +487,12 @@ TEST(ReplicationTest, AnOwnerWithAnOlderFileIsToldOfItsLaterLife) {
     const LayerSnapshot newest = world.OwnersLayer();
     world.StartOwner(&newest);
     world.Commit(10);
-    world.Run(milliseconds(2500));
+    world.Run(milliseconds(3500));
   }
   ASSERT_TRUE(world.AllInSync());
   world.StartOwner(&file);  // life 2
   world.Commit(10);
-  world.Run(milliseconds(10'000));
+  world.Run(milliseconds(20'000));
   EXPECT_TRUE(world.AllInSync());
   EXPECT_EQ(world.OwnersLayer().epoch.incarnation, 6u);
 }
@@ -468,48 +500,181 @@ TEST(ReplicationTest, AnOwnerWithAnOlderFileIsToldOfItsLaterLife) {
 TEST(IdentityWatchTest, OfTwoOwnersTheOneInTheLesserLifeBecomesAnotherLayer) {
   const LayerLife lesser{kId, {3, 5}, {}};
   const LayerLife greater{kId, {3, 6}, {}};
-  const auto now = Clock::now();
   IdentityWatch of_lesser;
-  of_lesser.TakeDigest(greater, lesser);
-  const auto next = of_lesser.Next(lesser, now, 42);
+  of_lesser.TakeDigest(greater, lesser, kNow);
+  EXPECT_FALSE(of_lesser.Next(lesser, kNow, 42)) << "one message may be a mistake";
+  of_lesser.TakeDigest(greater, lesser, kNow + milliseconds(1000));
+  of_lesser.TakeDigest(greater, lesser, kNow + milliseconds(2000));
+  const auto next = of_lesser.Next(lesser, kNow + milliseconds(2000), 42);
   ASSERT_TRUE(next);
   EXPECT_TRUE(next->is_other_layer);
   EXPECT_EQ(next->life.id, (LayerId{"robot", 42}));
-  EXPECT_FALSE(of_lesser.Next(next->life, now, 43));
+  EXPECT_FALSE(of_lesser.Next(next->life, kNow + milliseconds(2000), 43));
 
   IdentityWatch of_greater;
-  of_greater.TakeDigest(lesser, greater);
-  of_greater.TakeDigest(greater, greater);
-  of_greater.TakeDigest({{"other", 7}, {99, 0}, {}}, greater);
-  of_greater.TakePull(lesser, greater, now);
-  EXPECT_FALSE(of_greater.Next(greater, now + std::chrono::hours(1), 42));
+  for (milliseconds t(0); t < milliseconds(10'000); t += milliseconds(500)) {
+    of_greater.TakeDigest(lesser, greater, kNow + t);
+    of_greater.TakeDigest(greater, greater, kNow + t);
+    of_greater.TakeDigest({{"other", 7}, {99, 0}, {}}, greater, kNow + t);
+    of_greater.TakePull(lesser, greater, kNow + t);
+    EXPECT_FALSE(of_greater.Next(greater, kNow + t, 42));
+  }
+}
+
+TEST(IdentityWatchTest, OneForgedDigestOrPullChangesNothing) {
+  const LayerLife own{kId, {3, 5}, {}};
+  const LayerLife later{kId, {9, 6}, {}};
+  IdentityWatch watch;
+  watch.TakeDigest(later, own, kNow);
+  watch.TakePull(later, own, kNow);
+  for (milliseconds t(0); t < milliseconds(20'000); t += milliseconds(500)) {
+    EXPECT_FALSE(watch.Next(own, kNow + t, 42));
+  }
+  // Nor does one every now and then.
+  watch.TakeDigest(later, own, kNow + milliseconds(21'000));
+  watch.TakePull(later, own, kNow + milliseconds(21'000));
+  EXPECT_FALSE(watch.Next(own, kNow + milliseconds(21'000), 42));
 }
 
 // Who asks for a later life may have it from an owner that is there.
 TEST(IdentityWatchTest, AFollowersWordCountsOnlyWhileNoOtherOwnerIsHeard) {
   const LayerLife own{kId, {3, 5}, {}};
   const LayerLife later{kId, {9, 6}, {}};
-  const auto now = Clock::now();
   IdentityWatch watch;
-  watch.TakePull(later, own, now);
-  EXPECT_FALSE(watch.Next(own, now + milliseconds(1000), 42));
-  IdentityWatch other_is_there = watch;
-  other_is_there.TakeDigest(later, own);
-  EXPECT_TRUE(other_is_there.Next(own, now + milliseconds(1500), 42)->is_other_layer);
-  const auto next = watch.Next(own, now + milliseconds(4000), 42);
+  IdentityWatch other_is_there;
+  for (milliseconds t(0); t <= milliseconds(5000); t += milliseconds(1000)) {
+    watch.TakePull(later, own, kNow + t);
+    EXPECT_EQ(watch.Next(own, kNow + t, 42).has_value(), t == milliseconds(5000));
+    if (t > milliseconds(2000)) continue;
+    other_is_there.TakePull(later, own, kNow + t);
+    other_is_there.TakeDigest(later, own, kNow + t);
+  }
+  EXPECT_TRUE(other_is_there.Next(own, kNow + milliseconds(2500), 42)->is_other_layer);
+  const auto next = watch.Next(own, kNow + milliseconds(5000), 42);
   ASSERT_TRUE(next);
   EXPECT_FALSE(next->is_other_layer);
   EXPECT_EQ(next->life, (LayerLife{kId, {10, 42}, {}}));
 }
 
-TEST(IdentityWatchTest, AfterTheLastIncarnationComesAnotherLayer) {
+TEST(IdentityWatchTest, AfterAStartThatNobodyCountsToComesAnotherLayer) {
   const LayerLife own{kId, {3, 5}, {}};
-  const auto now = Clock::now();
   IdentityWatch watch;
-  watch.TakePull({kId, {LayerEpoch::kMaxIncarnation, 6}, {}}, own, now);
-  const auto next = watch.Next(own, now + milliseconds(4000), 42);
+  for (milliseconds t(0); t <= milliseconds(5000); t += milliseconds(1000)) {
+    watch.TakePull({kId, {4 + LayerControl::kMaxStartsAhead, 6}, {}}, own, kNow + t);
+  }
+  const auto next = watch.Next(own, kNow + milliseconds(5000), 42);
   ASSERT_TRUE(next);
   EXPECT_TRUE(next->is_other_layer);
+  EXPECT_EQ(next->life.epoch.incarnation, 1u);
+}
+
+// Tiles with valid checksums in the name of the owner, which it never had: changed ones, new ones,
+// far away, with a revision that it has, or that it will have some day.
+TEST(ReplicationTest, ForgedTilesAreFoundAndFetchedAnew) {
+  World world({}, {}, 21);
+  world.AddFollower();
+  world.AddFollower({{}, TileBox{-4, -4, 4, 4}});
+  world.AddFollower({{2, Band::kMax}, {}});
+  for (int n = 0; n < 20; ++n) {
+    world.Commit(6);
+    world.Run(milliseconds(100));
+  }
+  world.SetTile({0, 0}, 77);
+  world.Run(milliseconds(3000));
+  ASSERT_TRUE(world.AllInSync());
+  const uint64_t revision = world.OwnersLayer().revision;
+  int64_t forged = 0;
+  for (const TileKey key : {TileKey{0, 0}, TileKey{1, -3}, TileKey{2, 900}, TileKey{90'000, -7}}) {
+    for (const uint64_t claimed : {revision, revision + 1, revision + 100'000}) {
+      world.Forge(key, claimed, 500);
+      world.Run(milliseconds(5000));
+      for (size_t n = 0; n < 3; ++n)
+        EXPECT_TRUE(world.follower(n).in_sync() && world.IsEqual(n))
+            << n << " " << world.follower(n).in_sync() << world.IsEqual(n) << " "
+            << world.follower(n).Snapshot().revision << " " << key.tx << " " << key.ty << " "
+            << claimed;
+      EXPECT_EQ(world.follower(0).Snapshot().revision, revision);
+      if (world.follower(0).counts().disowned > forged) ++forged;
+    }
+  }
+  // Where a tile of that revision is there already, it is not even looked at.
+  EXPECT_EQ(forged, 4 * 3 - 1);
+}
+
+TEST(ReplicationTest, AForgedTileIsFoundWhileTheOwnerGoesOnMapping) {
+  World world({.loss = 0.05}, {}, 22);
+  world.AddFollower();
+  for (int n = 0; n < 300; ++n) {
+    world.Commit(2);
+    if (n == 100) world.Forge({30, 30}, world.OwnersLayer().revision + 5000, 500);
+    if (n == 100) world.Forge({1, 1}, world.OwnersLayer().revision + 5000, 500);
+    world.Run(milliseconds(60));
+  }
+  EXPECT_EQ(world.follower(0).Snapshot().tiles.Find({30, 30}), nullptr);
+  world.Run(milliseconds(5000));
+  EXPECT_TRUE(world.AllInSync());
+}
+
+TEST(ReplicationTest, TilesThatCannotBeAreRefusedOnArrival) {
+  World world({}, {}, 23);
+  world.AddFollower();
+  world.SetTile({0, 0}, 77);
+  world.Run(milliseconds(2000));
+  const uint64_t revision = world.OwnersLayer().revision;
+  world.Forge({0, 0}, revision + 1, kMapOptions.limits.max + 1);
+  world.Forge({0, 0}, revision + 1, kMapOptions.limits.min - 1);
+  world.Forge({0, 0}, kMaxRevision, 5);
+  world.Forge({5, 5}, 0, 5);
+  world.Forge({(1 << 23) + 1, 0}, revision + 1, 5);
+  EXPECT_EQ(world.follower(0).counts().unusable, 5);
+  EXPECT_TRUE(world.AllInSync());
+}
+
+TEST(ReplicationTest, WhatComesAfterTheLastDigestOfAnOwnerThatIsGoneIsDropped) {
+  World world({}, {}, 24);
+  world.AddFollower();
+  world.Commit(5);
+  world.Run(milliseconds(3000));
+  ASSERT_TRUE(world.AllInSync());
+  world.SilenceOwner(true);
+  const uint64_t revision = world.OwnersLayer().revision;
+  world.Forge({0, 0}, revision + 1, 500);
+  world.Run(milliseconds(4000));
+  EXPECT_TRUE(world.IsEqual(0));
+  world.Forge({0, 0}, revision + 1, 500);  // nobody asked for it
+  world.Run(milliseconds(4000));
+  EXPECT_TRUE(world.IsEqual(0));
+}
+
+// A life without content would be whole at once.
+TEST(ReplicationTest, OneForgedDigestDoesNotReplaceALayer) {
+  World world({}, {}, 25);
+  world.AddFollower();
+  world.Commit(5);
+  world.Run(milliseconds(3000));
+  world.ForgeDigest(5);
+  for (int n = 0; n < 100; ++n) {
+    world.Run(milliseconds(100));
+    EXPECT_TRUE(world.IsEqual(0));
+  }
+  EXPECT_TRUE(world.AllInSync());
+  EXPECT_EQ(world.OwnersLayer().epoch.incarnation, 1u) << "the owner need not begin another life";
+  // Nor while the owner is away.
+  world.SilenceOwner(true);
+  world.ForgeDigest(5);
+  world.Run(milliseconds(15'000));
+  EXPECT_TRUE(world.IsEqual(0));
+}
+
+TEST(ReplicationTest, AForgedDigestThatComesFirstIsForgottenForTheOwners) {
+  World world({}, {}, 26);
+  world.Commit(5);
+  world.Run(milliseconds(2000));
+  world.AddFollower();
+  world.ForgeDigest(5);
+  world.Run(milliseconds(8000));
+  EXPECT_TRUE(world.AllInSync());
+  EXPECT_EQ(world.OwnersLayer().epoch.incarnation, 1u);
 }
 
 TEST(ReplicationTest, APullOfAnotherLifeIsNotAnswered) {
