@@ -28,6 +28,8 @@ const char* SymptomName(Symptom symptom) {
       return "shared_name";
     case Symptom::kRefusedLayer:
       return "refused_layer";
+    case Symptom::kBusAway:
+      return "bus_away";
   }
   return "unknown";
 }

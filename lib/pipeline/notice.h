@@ -21,8 +21,9 @@ enum class Symptom {
   kSharedIdentity,    // somebody else publishes the daemon's layer
   kSharedName,        // two layers have one name
   kRefusedLayer,      // a layer that cannot be summed
+  kBusAway,           // the LCM bus cannot be opened, or broke off
 };
-inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kRefusedLayer) + 1;
+inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kBusAway) + 1;
 
 // As in status messages: "useless_beam_times".
 const char* SymptomName(Symptom symptom);
