@@ -308,6 +308,14 @@ void Daemon::SaveNowAndThen(const std::stop_token& stop) {
   }
 }
 
+void Daemon::SaveNow() {
+  if (const absl::Status status = Save(); !status.ok()) {
+    Report({.subject = "save", .text = "the map is not saved: " + ErrorText(status)});
+  } else {
+    spdlog::info("the map is saved");
+  }
+}
+
 absl::Status Daemon::Save() {
   MutexLock file_lock(file_mutex_);
   const std::shared_ptr<const MapSnapshot> map = sum_->Snapshot();
