@@ -73,7 +73,10 @@ absl::Status MapClient::AwaitDaemon() {
   std::unique_lock lock(mutex_);
   const bool is_found =
       found_.wait_for(lock, deadline_, [this] { return flow_.daemon().has_value(); });
-  return is_found ? absl::OkStatus() : absl::DeadlineExceededError(flow_.WhyNoDaemon());
+  if (is_found) return absl::OkStatus();
+  const std::string problem = bus_->Problem();
+  return problem.empty() ? absl::DeadlineExceededError(flow_.WhyNoDaemon())
+                         : absl::UnavailableError(problem);
 }
 
 void MapClient::Run(const std::stop_token& stop) {
@@ -101,7 +104,11 @@ void MapClient::Deliver() {
     finished = flow_.TakeFinished();
   }
   Publish(outgoing);
-  for (const auto& [request, status] : finished) request->Finish(status);
+  const std::string problem = bus_->Problem();
+  for (const auto& [request, status] : finished) {
+    const bool is_bus = absl::IsDeadlineExceeded(status) && !problem.empty();
+    request->Finish(is_bus ? absl::UnavailableError(problem) : status);
+  }
 }
 
 MapClient::RequestId MapClient::Add(std::unique_ptr<PendingRequest> request,

@@ -38,8 +38,8 @@ struct LayerDecision {
 // revision. Thread-safe; may not be destroyed while a call is under way, nor in a callback.
 //
 // Errors beside those of every map: InvalidArgument for more than kMaxItems items;
-// DeadlineExceeded, which says what is missing; ResourceExhausted with RequestFlow::kMaxRequests
-// under way.
+// DeadlineExceeded, which says what is missing; Unavailable where that is the bus;
+// ResourceExhausted with RequestFlow::kMaxRequests under way.
 class MapClient : public QueryableMap {
  public:
   static constexpr size_t kMaxItems = 1'000'000;  // points, rays, .. of a query; rasters: kMaxCells

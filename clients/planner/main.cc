@@ -130,10 +130,14 @@ class PlannerNode {
         MapReplica::Follow(flags_.lcm_url, flags_.follow,
                            [&](const MapSnapshot&, const Region& region) { changes.Add(region); }));
     fmt::print(stderr, "waiting for a whole map on {}_DIGESTS\n", flags_.follow.channel_prefix);
-    while (!IsInSync(*replica)) bus_.Handle(kTick);
+    while (!IsInSync(*replica)) {
+      bus_.Handle(kTick);
+      TellNews();
+    }
     while (true) {
       // All that came while it planned, so that it begins where the robot is.
       for (auto wait = kTick; bus_.Handle(wait) == LcmBus::Handled::kMessage;) wait = {};
+      TellNews();
       const std::optional<Changes::Change> change = changes.Take();
       if (change) map_.Show(replica->Snapshot());
       if (!start_ || !goal_) continue;
@@ -153,6 +157,10 @@ class PlannerNode {
         fmt::print(stderr, "{}: {}\n", channel, ErrorText(pose.status()));
       }
     });
+  }
+
+  void TellNews() {
+    if (const auto news = bus_.TakeNews()) fmt::print(stderr, "{}\n", *news);
   }
 
   void SetGoal(const Pose2& goal) {

@@ -60,6 +60,8 @@ class MapReplica : public QueryableMap {
   LayerControls Controls() const;
   std::vector<std::string> Refused() const;
   int64_t BytesReceived() const;
+  // As LcmBus::Problem().
+  std::string BusProblem() const { return bus_->Problem(); }
 
  private:
   MapReplica(std::unique_ptr<LcmBus> bus, FollowOptions options, OnChange on_change);

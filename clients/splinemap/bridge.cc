@@ -4,7 +4,6 @@
 #include <cmath>
 #include <memory>
 #include <optional>
-#include <thread>
 
 #include "clients/replica/map_replica.h"
 #include "clients/splinemap/commands.h"
@@ -128,7 +127,8 @@ absl::StatusOr<int> BridgeOccupancyGrid(Flags flags) {
   std::optional<Clock::time_point> last_publish;
   bool has_said_size = false;
   while (true) {
-    std::this_thread::sleep_for(kTick);
+    bus->Handle(kTick);
+    if (const auto news = bus->TakeNews()) fmt::print(stderr, "{}\n", *news);
     const Clock::time_point now = Clock::now();
     if (last_publish && now - *last_publish < interval) continue;
     const bool repeats = last_publish && now - *last_publish >= kRepeat;

@@ -164,6 +164,9 @@ absl::StatusOr<Survey> Listen(const Flags& flags) {
     bar.Show(passed_s / flags.seconds);
     bus->Handle(std::chrono::milliseconds(100));
   }
+  if (survey.channels().empty() && !bus->Problem().empty()) {
+    return Unavailable("{}", bus->Problem());
+  }
   if (survey.channels().empty()) {
     return Unavailable("nothing came on the bus for {:g} s; is the LCM URL right?", flags.seconds);
   }

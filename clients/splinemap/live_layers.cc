@@ -32,6 +32,7 @@ absl::StatusOr<std::vector<layers_t>> ListenToLayers(const LiveFlags& flags) {
   while (Clock::now() < end) bus->Handle(std::chrono::milliseconds(20));
   std::vector<layers_t> daemons;
   for (auto& [key, layers] : heard) daemons.push_back(std::move(layers));
+  if (daemons.empty() && !bus->Problem().empty()) return Unavailable("{}", bus->Problem());
   if (daemons.empty()) {
     return NotFound(
         "no splinemapd was heard on {}_LAYERS in {} s; is one running, on this LCM bus, with this "

@@ -69,8 +69,12 @@ std::string LiveView::Draw(Clock::time_point now) {
 }
 
 std::string LiveView::DaemonLines(Clock::time_point now) const {
-  if (daemons_.empty()) return "no daemon is heard; does splinemapd run on this bus?\n";
   std::string text;
+  if (const std::string problem = replica_.BusProblem(); !problem.empty()) {
+    text = absl::Utf8SafeCHexEscape(problem) + "\n";
+  } else if (daemons_.empty()) {
+    text = "no daemon is heard; does splinemapd run on this bus?\n";
+  }
   for (const auto& [nonce, daemon] : daemons_) {
     text += StatusLine(daemon.status) + fmt::format("; {:.1f} scans/s", daemon.scans_per_s);
     if (now - daemon.heard > kSilent) {

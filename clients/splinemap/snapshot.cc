@@ -50,6 +50,9 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
       return absl::OkStatus();
     }
   }
+  if (const std::string problem = replica.BusProblem(); !problem.empty()) {
+    return Unavailable("{}", problem);
+  }
   std::string missing;
   for (const std::string& refused : replica.Refused()) {
     missing += fmt::format("; not followed: {}", absl::Utf8SafeCHexEscape(refused));
@@ -167,7 +170,8 @@ void AddSnapshot(CLI::App& app, Command& chosen) {
       ->type_name("URL");
   command->add_option("--prefix", flags->follow.channel_prefix, "channel_prefix of the daemons");
   command
-      ->add_option("--robot", flags->follow.names, "Only the layers of this robot, * and ? allowed; may be repeated")
+      ->add_option("--robot", flags->follow.names,
+                   "Only the layers of this robot, * and ? allowed; may be repeated")
       ->type_name("NAME");
   command
       ->add_option("--region", flags->region, "Only tiles about this part of the map frame, in m")

@@ -15,6 +15,7 @@ namespace splinemap {
 namespace {
 
 constexpr std::chrono::milliseconds kDrawInterval(1000);
+constexpr std::chrono::milliseconds kTick(50);
 
 struct Flags {
   std::string lcm_url;
@@ -70,7 +71,7 @@ absl::StatusOr<int> ShowLive(const Flags& flags) {
   fmt::print("\x1b[2J");
   auto next_draw = Clock::now();
   while (true) {
-    bus->Handle(std::chrono::milliseconds(50));
+    bus->Handle(kTick);
     const auto now = Clock::now();
     if (now < next_draw) continue;
     next_draw = now + kDrawInterval;
@@ -84,6 +85,7 @@ absl::StatusOr<int> Watch(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
   const std::string channel = flags.prefix + "_STATUS";
   int64_t seen = 0;
+  bool is_written = true;
   bus->Subscribe(channel, [&](const std::string&, absl::Span<const uint8_t> message) {
     const absl::StatusOr<status_t> status = DecodeStatus(message);
     if (!status.ok()) {
@@ -94,12 +96,16 @@ absl::StatusOr<int> Watch(const Flags& flags) {
     const auto replace = nlohmann::json::error_handler_t::replace;  // text from the bus
     fmt::print("{}\n",
                flags.json ? ToJson(*status).dump(-1, ' ', false, replace) : StatusLine(*status));
-    std::fflush(stdout);
+    is_written = std::fflush(stdout) == 0;
   });
-  const auto timeout = std::chrono::milliseconds(static_cast<int64_t>(flags.timeout_s * 1000));
-  while (bus->Handle(timeout) == LcmBus::Handled::kMessage) {
+  const auto timeout = std::chrono::duration<double>(flags.timeout_s);
+  for (auto heard = Clock::now(); Clock::now() - heard < timeout;) {
+    if (bus->Handle(kTick) == LcmBus::Handled::kMessage) heard = Clock::now();
+    if (const auto news = bus->TakeNews()) fmt::print(stderr, "{}\n", *news);
+    if (!is_written) return kFailed;  // whom it wrote to went
     if (flags.once && seen > 0) return kSuccess;
   }
+  if (!bus->Problem().empty()) return Unavailable("{}", bus->Problem());
   return Unavailable("heard nothing on {} for {:g} s; does splinemapd run on this bus?", channel,
                      flags.timeout_s);
 }

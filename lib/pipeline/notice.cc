@@ -32,6 +32,8 @@ const char* SymptomName(Symptom symptom) {
       return "refused_decision";
     case Symptom::kDisownedTiles:
       return "disowned_tiles";
+    case Symptom::kBusAway:
+      return "bus_away";
   }
   return "unknown";
 }

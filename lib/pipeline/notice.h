@@ -23,8 +23,9 @@ enum class Symptom {
   kRefusedLayer,      // a layer that cannot be summed
   kRefusedDecision,   // a decision about a layer that nobody can have made
   kDisownedTiles,     // tiles in the name of a robot that does not have them
+  kBusAway,           // the LCM bus cannot be opened, or broke off
 };
-inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kDisownedTiles) + 1;
+inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kBusAway) + 1;
 
 // As in status messages: "useless_beam_times".
 const char* SymptomName(Symptom symptom);

@@ -1,28 +1,37 @@
 #pragma once
 
+#include <lcm/lcm.h>
+
+#include <atomic>
 #include <chrono>
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
-#include "lcm/lcm-cpp.hpp"
 #include "lib/base/mutex.h"
+#include "lib/wire/bus_address.h"
+#include "lib/wire/encode.h"
 
 namespace splinemap {
 
-// One connection to an LCM bus. Messages come as bytes: what they claim to be is not checked here.
-// One thread calls Subscribe() and Handle(); Publish() is thread-safe.
+// A connection to an LCM bus. A network that is not there, or goes away, is a problem, not an
+// error: it is looked for once a second and, when it is there, everything is subscribed to again.
+// What is published meanwhile is lost. Messages come as bytes: what they claim to be is not checked
+// here. One thread calls Subscribe(), Handle() and TakeNews(); the rest is thread-safe.
 class LcmBus {
  public:
   // Runs in the thread of Handle(). A message with which it throws is lost, and counted.
   using Handler = std::function<void(const std::string& channel, absl::Span<const uint8_t>)>;
 
-  // `url` as LCM takes it; empty for LCM's default. Unavailable with a hint when LCM cannot open
-  // it.
+  // `url` as BusAddress::Parse() takes it; its errors, and Unavailable for a file:// that cannot be
+  // opened.
   static absl::StatusOr<std::unique_ptr<LcmBus>> Open(const std::string& url);
+  ~LcmBus();
 
   // Subscribes to exactly this channel, whatever characters it has.
   void Subscribe(const std::string& channel, Handler handler);
@@ -34,27 +43,63 @@ class LcmBus {
   // As CountLostDatagrams() in udp_sockets.h.
   static int64_t LostDatagrams();
 
+  // Why the bus does not work at the moment, and what to do; empty while it does.
+  std::string Problem() const;
+  // Since the last call: the problem that came up, or that the bus works again.
+  std::optional<std::string> TakeNews();
+
   enum class Handled { kMessage, kNothing, kBroken };
   // Waits for a message and hands it to its handler. kNothing after `timeout` without one; kBroken,
-  // also after `timeout`, where the connection does not work.
+  // also after `timeout`, where the bus does not work. Looking for a server takes a second more.
   Handled Handle(std::chrono::milliseconds timeout);
 
   template <typename Message>
   void Publish(const std::string& channel, const Message& message) {
-    // On tcpq, publishing from two threads at once corrupts the stream.
-    MutexLock lock(publish_mutex_);
-    lcm_.publish(channel, &message);
+    PublishBytes(channel, Encode(message));
   }
-  // A message that is encoded already.
+  // A message that is encoded already. Waits, for a second or two, for a server that does not take
+  // it.
   void PublishBytes(const std::string& channel, absl::Span<const uint8_t> message);
 
  private:
-  explicit LcmBus(const std::string& url) : lcm_(url) {}
-  void SubscribeTo(const std::string& pattern, Handler handler);
+  using Clock = std::chrono::steady_clock;
+  struct Destroy {
+    void operator()(lcm_t* lcm) const { lcm_destroy(lcm); }
+  };
+  using Lcm = std::unique_ptr<lcm_t, Destroy>;
+  struct Subscription {
+    std::string pattern;
+    Handler handler;
+  };
 
-  lcm::LCM lcm_;
+  explicit LcmBus(BusAddress address) : address_(std::move(address)) {}
+  void SubscribeTo(std::string pattern, Handler handler);
+  absl::StatusOr<Lcm> Connect() const;
+  absl::Status SubscribeIn(lcm_t* lcm, Subscription& subscription) const;
+  absl::Status ConnectReceiver();
+  void LookAfterReceiver();
+  void LookAfterSender() ABSL_EXCLUSIVE_LOCKS_REQUIRED(publish_mutex_);
+  bool IsClosed(lcm_t* lcm) const;
+  absl::Status CannotReceive() const;
+  absl::Status Broke() const;
+  void SetProblem(std::string& problem, const absl::Status& status);
+
+  const BusAddress address_;
+
+  // Of the thread that handles. In a network the two directions have a connection each, since
+  // liblcm closes one that breaks under the feet of other threads.
+  Lcm receiver_;
+  Clock::time_point next_look_;
+  std::deque<Subscription> subscriptions_;
+  bool is_problem_told_ = false;
+
   Mutex publish_mutex_;
-  std::vector<std::unique_ptr<Handler>> handlers_;
+  Lcm sender_ ABSL_GUARDED_BY(publish_mutex_);
+  Clock::time_point next_try_ ABSL_GUARDED_BY(publish_mutex_);
+
+  mutable Mutex problem_mutex_;
+  std::string receive_problem_ ABSL_GUARDED_BY(problem_mutex_);
+  std::string send_problem_ ABSL_GUARDED_BY(problem_mutex_);
 };
 
 }  // namespace splinemap

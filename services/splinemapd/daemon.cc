@@ -73,7 +73,6 @@ void Daemon::Serve(const MapSnapshot& kept) {
   options.push_interval =
       std::chrono::duration_cast<milliseconds>(Duration(service.push_interval_ms()));
   const uint64_t nonce = RandomId();
-  // First, since on tcpq subscribing and publishing at once, by a server's thread, is no good.
   for (const char* followed : kFollowedChannels) {
     bus_->Subscribe(prefix + followed,
                     [this](const std::string& channel, absl::Span<const uint8_t> message) {
@@ -204,12 +203,17 @@ void Daemon::ReportDamages(const std::vector<std::string>& damages) {
 }
 
 void Daemon::Receive(const std::stop_token& stop) {
-  bool is_broken = false;
   while (!stop.stop_requested()) {
-    const LcmBus::Handled handled = bus_->Handle(kPatience);
-    if (handled == LcmBus::Handled::kBroken && !std::exchange(is_broken, true)) {
-      Report({.subject = "bus", .text = "the LCM bus does not work any more; nothing is received"});
+    bus_->Handle(kPatience);
+    const std::optional<std::string> news = bus_->TakeNews();
+    if (!news) continue;
+    const bool is_away = !bus_->Problem().empty();
+    {
+      MutexLock lock(mutex_);
+      limiter_.Forget("bus");
+      if (is_away) ++state_.symptoms[static_cast<int>(Symptom::kBusAway)];
     }
+    Report({.is_problem = is_away, .subject = "bus", .text = *news});
   }
   const auto deadline = Clock::now() + kMaxDrain;
   while (bus_->Handle(milliseconds(0)) == LcmBus::Handled::kMessage && Clock::now() < deadline) {
@@ -304,6 +308,14 @@ void Daemon::SaveNowAndThen(const std::stop_token& stop) {
       spdlog::info("the map is saved again");
     }
     is_failing = !status.ok();
+  }
+}
+
+void Daemon::SaveNow() {
+  if (const absl::Status status = Save(); !status.ok()) {
+    Report({.subject = "save", .text = "the map is not saved: " + ErrorText(status)});
+  } else {
+    spdlog::info("the map is saved");
   }
 }
 

@@ -53,6 +53,9 @@ class Daemon {
   // Publishes a splinemap.status_t. Call it once a second.
   void PublishStatus();
 
+  // Saves what is mapped by now; an error is logged.
+  void SaveNow();
+
   // Stops receiving, maps what was received and can be placed, saves. The status of the save.
   absl::Status Stop();
 

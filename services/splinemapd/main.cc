@@ -4,6 +4,8 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <ctime>
 
@@ -37,8 +39,10 @@ Examples:
   splinemapd --scan LASER --pose POSE --name robot-1 --follow 'robot-*'
   splinemapd --no-sensors --name base    a base station: keeps and merges the layers of all robots
 
-Maps until SIGINT or SIGTERM. Without --map the map is NAME.splinemap in this directory; an existing
-file is continued. Exit status: 0 ended by signal and saved, 1 failed, 2 usage or configuration.)";
+Maps until SIGINT (Ctrl-C), SIGTERM or SIGQUIT, and saves; SIGHUP saves and goes on, SIGPIPE, SIGUSR1
+and the like do nothing. An LCM bus that is not there is waited for. Without --map the map is
+NAME.splinemap in this directory; an existing file is continued. Exit status: 0 ended by signal and
+saved, 1 failed, 2 usage or configuration.)";
 
 void AddFlags(CLI::App& app, Flags& flags) {
   app.footer(kExamples);
@@ -72,33 +76,67 @@ absl::StatusOr<config::Config> ConfigOf(const Flags& flags) {
   return config;
 }
 
-// SIGINT, SIGTERM and SIGHUP (the terminal is gone), blocked in all threads and taken by Wait().
-class EndSignals {
+// All signals that a process can be sent are blocked in all threads and taken here, so that none
+// ends the daemon unsaved: a pipe that nobody reads, a file that may not grow, the alarm of
+// somebody's script. A fault of the daemon itself ends it all the same. Ctrl-Z stops it, as usual.
+class Signals {
  public:
-  EndSignals() {
-    sigemptyset(&set_);
-    sigaddset(&set_, SIGINT);
-    sigaddset(&set_, SIGTERM);
-    sigaddset(&set_, SIGHUP);
+  enum class Wish { kNothing, kSave, kEnd };
+
+  Signals() {
+    sigfillset(&set_);
+    for (const int signal : {SIGTSTP, SIGCONT}) sigdelset(&set_, signal);
     pthread_sigmask(SIG_BLOCK, &set_, nullptr);
   }
-  // True where a signal came within a second.
-  bool Wait() const {
-    const timespec second{1, 0};
-    return sigtimedwait(&set_, nullptr, &second) > 0;
+
+  // What a signal wishes, or nothing after a second.
+  Wish Wait() const {
+    using Clock = std::chrono::steady_clock;
+    const Clock::time_point end = Clock::now() + std::chrono::seconds(1);
+    while (Clock::now() < end) {
+      const std::chrono::nanoseconds left = end - Clock::now();
+      const timespec timeout{0, std::clamp<long>(left.count(), 0, 999'999'999)};
+      const Wish wish = WishOf(sigtimedwait(&set_, nullptr, &timeout));
+      if (wish != Wish::kNothing) return wish;
+    }
+    return Wish::kNothing;
   }
 
  private:
+  static Wish WishOf(int signal) {
+    switch (signal) {
+      case SIGHUP:
+        return Wish::kSave;
+      case SIGINT:
+      case SIGTERM:
+      case SIGQUIT:
+      case SIGPWR:
+      case SIGXCPU:
+      // Here only when somebody sends them.
+      case SIGABRT:
+      case SIGBUS:
+      case SIGFPE:
+      case SIGILL:
+      case SIGSEGV:
+      case SIGSYS:
+      case SIGTRAP:
+        return Wish::kEnd;
+      default:
+        return Wish::kNothing;
+    }
+  }
+
   sigset_t set_;
 };
 
 absl::Status Run(const config::Config& config) {
-  const EndSignals end_signals;
+  const Signals signals;
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(config.lcm_url()));
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<Daemon> daemon, Daemon::Start(config, std::move(bus)));
-  do {
+  for (auto wish = Signals::Wish::kNothing; wish != Signals::Wish::kEnd; wish = signals.Wait()) {
+    if (wish == Signals::Wish::kSave) daemon->SaveNow();
     daemon->PublishStatus();
-  } while (!end_signals.Wait());
+  }
   return daemon->Stop();
 }
 

@@ -17,6 +17,8 @@ class NoticeLimiter {
 
   // What to say of a notice now, or nothing.
   std::optional<std::string> Say(const Notice& notice, Clock::time_point now);
+  // That is over: the next notice of the subject is said at once.
+  void Forget(const std::string& subject) { subjects_.erase(subject); }
 
  private:
   struct Subject {

@@ -19,5 +19,15 @@ TEST(NoticeLimiterTest, SaysEachSubjectOnceAMinuteWithTheNumberLeftUnsaid) {
   EXPECT_EQ(limiter.Say(late, start + seconds(120)), "a scan is late");
 }
 
+TEST(NoticeLimiterTest, WhatIsOverIsSaidAtOnceWhenItHappensAgain) {
+  NoticeLimiter limiter;
+  const NoticeLimiter::Clock::time_point start{};
+  const Notice away{.subject = "bus", .text = "the bus is away"};
+  EXPECT_EQ(limiter.Say(away, start), "the bus is away");
+  limiter.Forget("bus");
+  EXPECT_EQ(limiter.Say(away, start + seconds(1)), "the bus is away");
+  EXPECT_EQ(limiter.Say(away, start + seconds(2)), std::nullopt);
+}
+
 }  // namespace
 }  // namespace splinemap
