@@ -34,6 +34,11 @@ final class LayerCopy {
   private static final long MAX_SILENCE_MS = 3000;  // of an owner; then others stand in for it
   // A life that nobody speaks of any more, and that was never whole, is given up.
   private static final long GIVE_UP_LIFE_MS = 10_000;
+  // One digest may be a mistake, or a lie: a life counts after it was spoken of for so long, and is
+  // given up sooner before.
+  private static final long PROBATION_MS = 2000;
+  private static final long GIVE_UP_ON_PROBATION_MS = 3500;
+  private static final long MAX_AHEAD = 1 << 20;  // commits that an owner pushes between digests
 
   private static final long NEVER_MS = Long.MIN_VALUE / 2;
 
@@ -58,6 +63,8 @@ final class LayerCopy {
   private final Map<Node, Tile> at_digest = new HashMap<>();
   private Map<Node, Tile> previous;  // what the life before left: shown until this one is whole
   private layer_epoch_t previous_life;
+  private long life_since_ms;
+  private long hash_of_last_check;
   private final Map<Node, Wanted> wanted = new LinkedHashMap<>();
   private layer_digest_t check;  // whose hashes are compared until nothing of it is wanted
   private boolean in_sync;
@@ -106,7 +113,7 @@ final class LayerCopy {
   }
 
   void takeDigest(layer_digest_t digest, long now_ms) {
-    if (!reachesLife(digest.layer)) return;
+    if (!reachesLife(digest.layer, now_ms)) return;
     heard_ms = now_ms;
     spoken_for_ms = now_ms;
     if (digest.layer.detail_level != 0) return;
@@ -120,7 +127,7 @@ final class LayerCopy {
     layer_digest_t digest = stand_in.digest;
     boolean is_of_this_life = life != null && compareLives(digest.layer, life) == 0;
     if (is_of_this_life && now_ms - heard_ms <= MAX_SILENCE_MS) return;
-    if (!reachesLife(digest.layer)) return;
+    if (!reachesLife(digest.layer, now_ms)) return;
     spoken_for_ms = now_ms;
     if (digest.layer.detail_level != 0) return;
     // Of two that stand in, neither is late: their states are different ones.
@@ -139,7 +146,7 @@ final class LayerCopy {
   }
 
   void takeUpdates(layer_updates_t updates) {
-    if (!isOfThisLife(updates.layer)) return;
+    if (!isOfThisLife(updates.layer) || digest == null) return;
     for (tile_update_t update : updates.tiles) apply(update);
   }
 
@@ -150,7 +157,8 @@ final class LayerCopy {
 
   /** What is to be asked now. Call it some times a second. */
   List<layer_pull_t> pulls(long now_ms) {
-    if (previous != null && now_ms - spoken_for_ms > GIVE_UP_LIFE_MS) goBackALife();
+    long give_up_ms = isOnProbation() ? GIVE_UP_ON_PROBATION_MS : GIVE_UP_LIFE_MS;
+    if (previous != null && now_ms - spoken_for_ms > give_up_ms) goBackALife();
     if (digest != null && !in_sync) lookForMatch(now_ms);
     if (wanted.values().removeIf(node -> node.times_asked >= MAX_ASKS && node.due_ms <= now_ms)) {
       giveUpCheck();  // a later digest finds it again
@@ -178,10 +186,14 @@ final class LayerCopy {
   }
 
   // False for a life that is over.
-  private boolean reachesLife(layer_epoch_t layer) {
+  private boolean reachesLife(layer_epoch_t layer, long now_ms) {
     int order = life == null ? 1 : compareLives(layer, life);
-    if (order > 0) beginLife(layer);
+    if (order > 0) beginLife(layer, now_ms);
     return order >= 0;
+  }
+
+  private boolean isOnProbation() {
+    return spoken_for_ms - life_since_ms < PROBATION_MS;
   }
 
   private void compareWith(layer_digest_t digest, long now_ms) {
@@ -189,10 +201,16 @@ final class LayerCopy {
     at_digest.clear();
     in_sync = false;
     lookForMatch(now_ms);
+    if (this.digest == null) return;  // begun anew, with the next one
     if (!matches() && wanted.isEmpty()) beginCheck(now_ms);
   }
 
-  private void beginLife(layer_epoch_t life) {
+  private void beginLife(layer_epoch_t life, long now_ms) {
+    life_since_ms = now_ms;
+    beginAnew(life);
+  }
+
+  private void beginAnew(layer_epoch_t life) {
     if (previous == null && !tiles.isEmpty()) {
       previous = tiles;
       previous_life = this.life;
@@ -257,6 +275,14 @@ final class LayerCopy {
 
   private void lookForMatch(long now_ms) {
     if (!matches() && (check == null || !wanted.isEmpty())) return;
+    if (previous != null && isOnProbation()) return;
+    // Nothing came between two checks, and the owner has something else: what differs is not its.
+    boolean is_foreign = !matches() && check == owners_digest && hash == hash_of_last_check;
+    hash_of_last_check = hash;
+    if (is_foreign) {
+      beginAnew(life);
+      return;
+    }
     check = null;
     wanted.clear();
     in_sync = true;
@@ -280,6 +306,7 @@ final class LayerCopy {
     Tile known = tiles.get(key);
     if (!key.isValid() || (known == null && is_full.getAsBoolean())) return;
     if (known != null && Long.compareUnsigned(known.revision, update.revision) >= 0) return;
+    if (Long.compareUnsigned(update.revision, digest.revision + MAX_AHEAD) > 0) return;
     short[] points = TileCode.decode(update.content);
     if (update.base_checksum != 0) {
       Tile base = base(key, known, update.base_checksum);
@@ -287,6 +314,9 @@ final class LayerCopy {
       points = TileCode.sum(base.points, points);
     }
     if (TileCode.checksum(key, points) != update.checksum) return;
+    for (short point : points) {
+      if (point < digest.min_control_point || point > digest.max_control_point) return;
+    }
     keep(key, known, new Tile(points, update.revision, update.checksum));
   }
 
