@@ -11,8 +11,12 @@ namespace {
 // where there are items.
 constexpr size_t kMaxItemBytes = kMaxRpcBytes - 1000;
 constexpr size_t kMaxStatusText = 600;
-// Of hits at poses, so that a request does not keep the daemon from others for long.
+// Work of one request, so that it does not keep the daemon from others for long: some 50 ms at a
+// knot interval of 0.05 m over a very rugged surface (tests/bench/serving measures it).
 constexpr size_t kMaxHitsAtPoses = 500'000;
+constexpr double kMaxLengthOfRays_m = 5'000;
+constexpr double kMaxSweptArea_m2 = 8'000;
+constexpr double kMaxSearchedArea_m2 = 12'100;
 
 constexpr size_t kRayBytes = 4 * 8;
 constexpr size_t kDistanceBytes = 3 * 8;
@@ -31,6 +35,57 @@ size_t MaxPoses(size_t num_hits) {
   if (num_hits > LikelihoodsQuery::kMaxHits) return 0;
   return std::min((kMaxItemBytes - 2 * 8 * num_hits) / (3 * 8),
                   kMaxHitsAtPoses / std::max<size_t>(num_hits, 1));
+}
+
+// One ray may have any length: it ends with the map.
+double Work(const Ray& ray) { return std::min(ray.max_range_m, kMaxLengthOfRays_m); }
+
+// The area of the sweep and a metre around it.
+double Work(const Sweep& sweep) {
+  double length_m = 0;
+  for (size_t k = 1; k < sweep.path_m.size(); ++k) {
+    length_m += (sweep.path_m[k] - sweep.path_m[k - 1]).norm();
+  }
+  const double width_m = 2 * (sweep.radius_m + 1);
+  return (length_m + width_m) * width_m;
+}
+
+// One at the greatest distance.
+size_t MaxDistances(double max_distance_m) {
+  constexpr double kGreatest_m = DistancesQuery::kMaxDistance_m;
+  const bool is_valid = max_distance_m >= 0 && max_distance_m <= kGreatest_m;
+  const double reach_m = (is_valid ? max_distance_m : kGreatest_m) + 10;
+  return std::min(kMaxItemBytes / kDistanceBytes,
+                  static_cast<size_t>(kMaxSearchedArea_m2 / (reach_m * reach_m)));
+}
+
+// Pieces of so many bytes and so much work; those of one item may be more.
+template <typename Item, typename BytesOf>
+std::vector<Piece> CutByWork(const std::vector<Item>& items, double max_work, BytesOf bytes_of) {
+  std::vector<Piece> pieces{{0, 0}};
+  size_t bytes = 0;
+  double work = 0;
+  for (const Item& item : items) {
+    bytes += bytes_of(item);
+    work += Work(item);
+    if (pieces.back().size() > 0 && (bytes > kMaxItemBytes || work > max_work)) {
+      pieces.push_back({pieces.back().end, pieces.back().end});
+      bytes = bytes_of(item);
+      work = Work(item);
+    }
+    ++pieces.back().end;
+  }
+  return pieces;
+}
+
+template <typename Item>
+absl::Status CheckWork(const std::vector<Item>& items, double max_work, const char* of,
+                       const char* unit) {
+  double work = 0;
+  for (const Item& item : items) work += Work(item);
+  if (!(work > max_work)) return absl::OkStatus();
+  return InvalidArgument("{} of {:g} {} in one request; {:g} are allowed", of, work, unit,
+                         max_work);
 }
 
 std::vector<Piece> CutEvenly(size_t num_items, size_t max_items) {
@@ -101,21 +156,12 @@ std::vector<Piece> Cut(const PointsQuery& query) {
 }
 
 std::vector<Piece> Cut(const RaysQuery& query) {
-  return CutEvenly(query.rays.size(), kMaxItemBytes / kRayBytes);
+  return CutByWork(query.rays, kMaxLengthOfRays_m, [](const Ray&) { return kRayBytes; });
 }
 
 std::vector<Piece> Cut(const SweepsQuery& query) {
-  std::vector<Piece> pieces{{0, 0}};
-  size_t bytes = 0;
-  for (const Sweep& sweep : query.sweeps) {
-    bytes += SweepBytes(sweep.path_m.size());
-    if (bytes > kMaxItemBytes) {
-      pieces.push_back({pieces.back().end, pieces.back().end});
-      bytes = SweepBytes(sweep.path_m.size());
-    }
-    ++pieces.back().end;
-  }
-  return pieces;
+  return CutByWork(query.sweeps, kMaxSweptArea_m2,
+                   [](const Sweep& sweep) { return SweepBytes(sweep.path_m.size()); });
 }
 
 std::vector<Piece> Cut(const RasterQuery& query) {
@@ -127,7 +173,7 @@ std::vector<Piece> Cut(const LikelihoodsQuery& query) {
 }
 
 std::vector<Piece> Cut(const DistancesQuery& query) {
-  return CutEvenly(query.points_m.size(), kMaxItemBytes / kDistanceBytes);
+  return CutEvenly(query.points_m.size(), MaxDistances(query.max_distance_m));
 }
 
 points_request_t ToMessage(const PointsQuery& query, Piece piece) {
@@ -223,6 +269,7 @@ absl::StatusOr<RaysQuery> FromMessage(const rays_request_t& request) {
     query.rays.push_back(
         {{request.x_m[k], request.y_m[k]}, request.bearing_rad[k], request.max_range_m[k]});
   }
+  SPLINEMAP_RETURN_IF_ERROR(CheckWork(query.rays, kMaxLengthOfRays_m, "rays", "m"));
   return query;
 }
 
@@ -241,6 +288,8 @@ absl::StatusOr<SweepsQuery> FromMessage(const sweeps_request_t& request) {
     }
     query.sweeps.push_back({Points(message.x_m, message.y_m), message.radius_m});
   }
+  SPLINEMAP_RETURN_IF_ERROR(
+      CheckWork(query.sweeps, kMaxSweptArea_m2, "sweeps, a metre around them included,", "m2"));
   return query;
 }
 
@@ -262,8 +311,11 @@ absl::StatusOr<LikelihoodsQuery> FromMessage(const likelihoods_request_t& reques
 }
 
 absl::StatusOr<DistancesQuery> FromMessage(const distances_request_t& request) {
-  SPLINEMAP_RETURN_IF_ERROR(
-      CheckSize(request.num_points, kMaxItemBytes / kDistanceBytes, "points"));
+  const size_t max_points = MaxDistances(request.max_distance_m);
+  if (static_cast<size_t>(request.num_points) > max_points) {
+    return InvalidArgument("{} points within {} m in one request; {} are allowed",
+                           request.num_points, request.max_distance_m, max_points);
+  }
   return DistancesQuery{.points_m = Points(request.x_m, request.y_m),
                         .max_distance_m = request.max_distance_m,
                         .occupied_log_odds = request.occupied_log_odds};

@@ -83,7 +83,8 @@ struct Piece {
 };
 
 // Pieces whose requests and replies are messages of kMaxRpcBytes at most, and quickly answered; one
-// for a query of nothing. Requires Check(query).ok().
+// for a query of nothing. A sweep that alone is too much work is refused by the daemon. Requires
+// Check(query).ok().
 std::vector<Piece> Cut(const PointsQuery& query);
 std::vector<Piece> Cut(const RaysQuery& query);
 std::vector<Piece> Cut(const SweepsQuery& query);

@@ -11,7 +11,7 @@ namespace splinemap {
 namespace {
 
 constexpr size_t kMaxPins = 64;
-constexpr std::ptrdiff_t kMaxPinsOfClient = 8;
+constexpr std::ptrdiff_t kMaxPinsOfLine = 8;
 constexpr size_t kMaxRefusalsWaiting = 16;
 
 }  // namespace
@@ -50,7 +50,7 @@ void QueryServer::TakeRequest(absl::Span<const uint8_t> message) {
       Refuse(*head, message,
              absl::ResourceExhaustedError(
                  fmt::format("{} requests of one client wait, or {} in all; ask again a bit later",
-                             RequestQueue::kMaxOfClient, RequestQueue::kMax)));
+                             RequestQueue::kMaxOfLine, RequestQueue::kMax)));
     } else {
       ++counts_.taken;
     }
@@ -95,7 +95,7 @@ void QueryServer::Serve(const std::stop_token& stop) {
 
 void QueryServer::Answer(const QueuedRequest& request) {
   const std::vector<uint8_t> reply =
-      AnswerRequest(request.bytes, MapFor(request.head), replier_.HeadFor(request.head));
+      AnswerRequest(request.bytes, MapFor(request), replier_.HeadFor(request.head));
   if (reply.empty()) {
     MutexLock lock(mutex_);
     ++counts_.malformed;
@@ -104,7 +104,8 @@ void QueryServer::Answer(const QueuedRequest& request) {
   replier_.Reply(request.head, reply);
 }
 
-const LocalMap& QueryServer::MapFor(const request_t& head) {
+const LocalMap& QueryServer::MapFor(const QueuedRequest& request) {
+  const request_t& head = request.head;
   const auto now = std::chrono::steady_clock::now();
   std::erase_if(pins_, [&](const Pin& pin) { return now - pin.last_used > kPinTime; });
   const auto is_for = [&](const Pin& pin) {
@@ -112,18 +113,19 @@ const LocalMap& QueryServer::MapFor(const request_t& head) {
   };
   if (const auto pin = std::find_if(pins_.begin(), pins_.end(), is_for); pin != pins_.end()) {
     pin->last_used = now;
+    pin->line = request.line;  // it may be known by now
     std::rotate(pin, pin + 1, pins_.end());
     return pins_.back().map ? *pins_.back().map : newest_;
   }
   ShowNewest();
   if (head.query == 0) return newest_;
-  const auto is_of_client = [&](const Pin& pin) { return pin.client == head.client; };
-  if (std::count_if(pins_.begin(), pins_.end(), is_of_client) >= kMaxPinsOfClient) {
-    pins_.erase(std::find_if(pins_.begin(), pins_.end(), is_of_client));
+  const auto is_of_line = [&](const Pin& pin) { return pin.line == request.line; };
+  if (std::count_if(pins_.begin(), pins_.end(), is_of_line) >= kMaxPinsOfLine) {
+    pins_.erase(std::find_if(pins_.begin(), pins_.end(), is_of_line));
   } else if (pins_.size() >= kMaxPins) {
     pins_.pop_front();
   }
-  pins_.push_back({head.client, head.query, now, nullptr});
+  pins_.push_back({request.line, head.client, head.query, now, nullptr});
   return newest_;
 }
 

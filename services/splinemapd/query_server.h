@@ -43,6 +43,7 @@ class QueryServer {
   };
   // The state of the map from which the requests of one query are answered.
   struct Pin {
+    RequestLine line;
     int64_t client = 0;
     int64_t query = 0;
     std::chrono::steady_clock::time_point last_used;
@@ -55,7 +56,7 @@ class QueryServer {
   void Serve(const std::stop_token& stop);
   void Answer(const QueuedRequest& request);
   // Valid until the next call.
-  const LocalMap& MapFor(const request_t& head);
+  const LocalMap& MapFor(const QueuedRequest& request);
   void ShowNewest();
 
   const Replier replier_;

@@ -5,33 +5,82 @@
 
 namespace splinemap {
 
+void RecentIds::Add(int64_t id) {
+  Remove(id);
+  turns_[id] = ++last_turn_;
+  ids_[last_turn_] = id;
+  if (ids_.size() > max_) Remove(ids_.begin()->second);
+}
+
+bool RecentIds::Remove(int64_t id) {
+  const auto turn = turns_.find(id);
+  if (turn == turns_.end()) return false;
+  ids_.erase(turn->second);
+  turns_.erase(turn);
+  return true;
+}
+
+RequestLine RequestQueue::LineOf(int64_t client) {
+  const bool is_known = known_.Remove(client);
+  if (!is_known && !seen_.Remove(client)) {
+    seen_.Add(client);
+    return std::nullopt;
+  }
+  known_.Add(client);
+  if (!is_known) MoveToOwnLine(client);
+  return client;
+}
+
+void RequestQueue::MoveToOwnLine(int64_t client) {
+  const auto line = lines_.find(std::nullopt);
+  if (line == lines_.end()) return;
+  Waiting& others = line->second;
+  const auto first = std::stable_partition(others.begin(), others.end(),
+                                           [&](const auto& r) { return r.head.client != client; });
+  Waiting own(std::make_move_iterator(first), std::make_move_iterator(others.end()));
+  others.erase(first, others.end());
+  if (others.empty()) {
+    lines_.erase(line);
+    std::erase(turns_, std::nullopt);
+  }
+  for (QueuedRequest& request : own) {
+    request.line = client;
+    Add(std::move(request));
+  }
+}
+
+void RequestQueue::Add(QueuedRequest request) {
+  Waiting& waiting = lines_[request.line];
+  if (waiting.empty()) turns_.push_back(request.line);
+  waiting.push_back(std::move(request));
+}
+
 RequestQueue::Pushed RequestQueue::Push(const request_t& head, absl::Span<const uint8_t> bytes) {
-  const auto client = clients_.find(head.client);
-  if (client != clients_.end()) {
-    const std::deque<QueuedRequest>& waiting = client->second;
+  const RequestLine line = LineOf(head.client);
+  if (const auto found = lines_.find(line); found != lines_.end()) {
+    const Waiting& waiting = found->second;
     const bool is_waiting = std::any_of(waiting.begin(), waiting.end(), [&](const auto& request) {
-      return request.head.id == head.id;
+      return request.head.client == head.client && request.head.id == head.id;
     });
     if (is_waiting) return Pushed::kWaiting;
-    if (waiting.size() >= kMaxOfClient) return Pushed::kFull;
+    if (waiting.size() >= kMaxOfLine) return Pushed::kFull;
   }
   if (size_ >= kMax) return Pushed::kFull;
-  if (client == clients_.end()) turns_.push_back(head.client);
-  clients_[head.client].push_back({head, {bytes.begin(), bytes.end()}});
+  Add({head, {bytes.begin(), bytes.end()}, line});
   ++size_;
   return Pushed::kTaken;
 }
 
 QueuedRequest RequestQueue::Pop() {
-  const auto client = clients_.find(turns_.front());
+  const auto line = lines_.find(turns_.front());
   turns_.pop_front();
-  QueuedRequest request = std::move(client->second.front());
-  client->second.pop_front();
+  QueuedRequest request = std::move(line->second.front());
+  line->second.pop_front();
   --size_;
-  if (client->second.empty()) {
-    clients_.erase(client);
+  if (line->second.empty()) {
+    lines_.erase(line);
   } else {
-    turns_.push_back(request.head.client);
+    turns_.push_back(request.line);
   }
   return request;
 }

@@ -169,6 +169,21 @@ TEST_F(QueryServerTest, OneClientThatAsksMuchDoesNotStarveAnother) {
   EXPECT_LE(refused, 17);
 }
 
+TEST_F(QueryServerTest, AFloodOfNewIdsDoesNotTakeTheStateOfAQueryAway) {
+  QueryServer server(MakeReplier());
+  server.TakeRequest(Encode(Request(1, 1, 9)));
+  server.TakeRequest(Encode(Request(1, 2, 9)));
+  size_t asked = 2;
+  Await(asked);
+  SetMap(2, 21);
+  for (int64_t stranger = 100; stranger < 200; ++stranger) {
+    server.TakeRequest(Encode(Request(stranger, 1, 9)));
+    Await(++asked);
+  }
+  server.TakeRequest(Encode(Request(1, 3, 9)));
+  EXPECT_EQ(Head(Await(++asked).back()).revision, 20);
+}
+
 TEST_F(QueryServerTest, LargeAndDamagedMessagesDoNoHarm) {
   QueryServer server(MakeReplier());
   points_request_t large = Request(1, 1);
@@ -197,7 +212,8 @@ class CommandServerTest : public QueryServerTest {
           const auto& command = std::get<command_request_t>(request);
           MutexLock lock(mutex_);
           done_.push_back(command.command);
-          return command.incarnation == 1 ? absl::OkStatus() : absl::FailedPreconditionError("start 1");
+          return command.incarnation == 1 ? absl::OkStatus()
+                                          : absl::FailedPreconditionError("start 1");
         });
   }
   void Command(int64_t client, int64_t id, const std::string& command, int64_t nonce = 5,

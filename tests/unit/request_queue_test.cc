@@ -2,6 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <random>
+#include <set>
+#include <utility>
+#include <vector>
+
 namespace splinemap {
 namespace {
 
@@ -14,8 +19,15 @@ request_t Request(int64_t client, int64_t id) {
   return head;
 }
 
+// The client has asked before.
+void MakeKnown(RequestQueue& queue, int64_t client) {
+  for (const int64_t id : {-1, -2}) queue.Push(Request(client, id), {});
+  for (int n = 0; n < 2; ++n) queue.Pop();
+}
+
 TEST(RequestQueueTest, ClientsAreServedInTurn) {
   RequestQueue queue;
+  for (const int64_t client : {1, 2, 3}) MakeKnown(queue, client);
   for (int64_t id = 0; id < 10; ++id) queue.Push(Request(1, id), {});
   queue.Push(Request(2, 0), {});
   queue.Push(Request(3, 0), {});
@@ -26,7 +38,7 @@ TEST(RequestQueueTest, ClientsAreServedInTurn) {
 
 TEST(RequestQueueTest, OneClientFillsItsOwnShareOnly) {
   RequestQueue queue;
-  for (size_t id = 0; id < RequestQueue::kMaxOfClient; ++id) {
+  for (size_t id = 0; id < RequestQueue::kMaxOfLine; ++id) {
     EXPECT_EQ(queue.Push(Request(1, static_cast<int64_t>(id)), {}), Pushed::kTaken);
   }
   EXPECT_EQ(queue.Push(Request(1, 1000), {}), Pushed::kFull);
@@ -36,12 +48,80 @@ TEST(RequestQueueTest, OneClientFillsItsOwnShareOnly) {
 TEST(RequestQueueTest, AllClientsTogetherAreBounded) {
   RequestQueue queue;
   size_t taken = 0;
-  for (int64_t client = 0; client < 5000; ++client) {
-    taken += queue.Push(Request(client, 1), {}) == Pushed::kTaken ? 1 : 0;
+  for (int64_t client = 0; client < 1500; ++client) {
+    for (const int64_t id : {1, 2}) {
+      taken += queue.Push(Request(client, id), {}) == Pushed::kTaken ? 1 : 0;
+    }
   }
   EXPECT_EQ(taken, RequestQueue::kMax);
   queue.Pop();
   EXPECT_EQ(queue.Push(Request(-1, 1), {}), Pushed::kTaken);
+}
+
+TEST(RequestQueueTest, AFloodOfNewIdsCountsAsOneClient) {
+  RequestQueue queue;
+  std::mt19937_64 random(1);
+  const auto new_id = [&] { return static_cast<int64_t>(random()); };
+  MakeKnown(queue, 1);
+  MakeKnown(queue, 2);
+  for (int64_t round = 0; round < 1000; ++round) {
+    for (int n = 0; n < 100; ++n) queue.Push(Request(new_id(), 1), {});
+    ASSERT_EQ(queue.Push(Request(1, round), {}), Pushed::kTaken);
+    ASSERT_EQ(queue.Push(Request(2, round), {}), Pushed::kTaken);
+    // Both, and one of all others.
+    std::set<int64_t> served;
+    for (int n = 0; n < 3; ++n) served.insert(queue.Pop().head.client);
+    ASSERT_TRUE(served.contains(1) && served.contains(2)) << round;
+  }
+}
+
+TEST(RequestQueueTest, AClientThatComesDuringAFloodGetsInWhenItAsksAgain) {
+  RequestQueue queue;
+  std::mt19937_64 random(1);
+  const auto flood = [&] {
+    for (int n = 0; n < 1000; ++n) queue.Push(Request(static_cast<int64_t>(random()), 1), {});
+  };
+  flood();
+  EXPECT_EQ(queue.Push(Request(7, 1), {}), Pushed::kFull);
+  flood();
+  EXPECT_EQ(queue.Push(Request(7, 1), {}), Pushed::kTaken);
+  flood();
+  std::set<int64_t> served;
+  for (int n = 0; n < 2; ++n) served.insert(queue.Pop().head.client);
+  EXPECT_TRUE(served.contains(7));
+}
+
+TEST(RequestQueueTest, WhatAClientAskedFirstWaitsInItsOwnLineOnceItIsKnown) {
+  RequestQueue queue;
+  queue.Push(Request(8, 1), {});
+  queue.Push(Request(7, 1), {});
+  queue.Push(Request(7, 2), {});
+  queue.Push(Request(9, 1), {});
+  std::vector<std::pair<int64_t, bool>> served;
+  while (!queue.empty()) {
+    const QueuedRequest request = queue.Pop();
+    served.emplace_back(request.head.client, request.line.has_value());
+  }
+  EXPECT_EQ(served,
+            (std::vector<std::pair<int64_t, bool>>{{8, false}, {7, true}, {9, false}, {7, true}}));
+  queue.Push(Request(5, 1), {});  // alone in the line of all others
+  queue.Push(Request(5, 2), {});
+  EXPECT_EQ(queue.Pop().head.id, 1);
+  EXPECT_EQ(queue.Pop().head.id, 2);
+  EXPECT_TRUE(queue.empty());
+}
+
+TEST(RecentIdsTest, KeepsTheLast) {
+  RecentIds ids(3);
+  for (int64_t id = 1; id <= 4; ++id) ids.Add(id);
+  ids.Add(2);
+  ids.Add(5);
+  EXPECT_FALSE(ids.Remove(1));
+  EXPECT_FALSE(ids.Remove(3));
+  EXPECT_TRUE(ids.Remove(2));
+  EXPECT_FALSE(ids.Remove(2));
+  EXPECT_TRUE(ids.Remove(4));
+  EXPECT_TRUE(ids.Remove(5));
 }
 
 TEST(RequestQueueTest, ARequestThatIsSentAgainWaitsOnce) {

@@ -106,10 +106,11 @@ class RpcTest : public testing::Test {
 TEST_F(RpcTest, AnswersInPiecesAreThoseInProcess) {
   ExpectSame(RandomPoints(random_, 5000), 3);
   ExpectSame(RandomPoints(random_, 5001), 5);  // with second derivatives
-  ExpectSame(RandomRays(random_, 5000), 3);
+  const RaysQuery rays = RandomRays(random_, 5000);
+  ExpectSame(rays, Cut(rays).size());
   ExpectSame(RandomRaster(random_, 100'000), 4);
   ExpectSame(RandomLikelihoods(random_, 3000), 3);
-  ExpectSame(RandomDistances(random_, 5000), 3);
+  ExpectSame(RandomDistances(random_, 5000), 60);
   SweepsQuery sweeps = RandomSweeps(random_, 2000);
   sweeps.sweeps[7].path_m.resize(Sweep::kMaxVertices, {1, 2});
   const size_t pieces = Cut(sweeps).size();
@@ -127,7 +128,7 @@ TEST_F(RpcTest, AQueryOfNothingIsOneRequest) {
 
 TEST_F(RpcTest, TheLargestItemsFit) {
   SweepsQuery sweeps;
-  sweeps.sweeps.resize(20, {std::vector<Eigen::Vector2d>(Sweep::kMaxVertices), 1});
+  sweeps.sweeps.resize(20, {std::vector<Eigen::Vector2d>(Sweep::kMaxVertices, {1, 2}), 1});
   ExpectSame(sweeps, 7);
   LikelihoodsQuery scan = RandomLikelihoods(random_, 1000);
   scan.hits_robot_m.resize(LikelihoodsQuery::kMaxHits, {1, 1});
@@ -149,11 +150,47 @@ TEST_F(RpcTest, MoreThanAPieceInARequestIsRefusedWithNumbers) {
   };
   expect_refused(RandomPoints(random_, 5000), "2361 points in one request; 2360 are allowed");
   expect_refused(RandomPoints(random_, 5001), "1205 points in one request; 1204 are allowed");
-  expect_refused(RandomRays(random_, 5000), "1844 rays in one request; 1843 are allowed");
+  RaysQuery rays = RandomRays(random_, 5000);
+  for (Ray& ray : rays.rays) ray.max_range_m = 1;
+  expect_refused(rays, "1844 rays in one request; 1843 are allowed");
   expect_refused(RandomSweeps(random_, 5000), "sweeps in one request");
   expect_refused(RandomRaster(random_, 60'000), "29501 cells in one request; 29500 are allowed");
   expect_refused(RandomLikelihoods(random_, 5000), "1251 poses for 400 hits in one request; 1250");
-  expect_refused(RandomDistances(random_, 5000), "2459 points in one request; 2458 are allowed");
+  expect_refused(RandomDistances(random_, 5000), "85 points within 2 m in one request; 84 are");
+}
+
+TEST_F(RpcTest, MuchWorkIsCutAndMoreThanAPieceOfItRefusedWithNumbers) {
+  const auto expect_refused = [&](const auto& query, size_t items, const std::string& numbers) {
+    const auto status = StatusFor(ToMessage(query, {0, items}));
+    EXPECT_TRUE(absl::IsInvalidArgument(status)) << status;
+    EXPECT_NE(std::string(status.message()).find(numbers), std::string::npos) << status;
+  };
+  RaysQuery rays;
+  rays.rays.resize(100, {{0, 0}, 1, 1000});
+  ExpectSame(rays, 20);
+  expect_refused(rays, 6, "rays of 6000 m in one request; 5000 are allowed");
+  rays.rays[1].max_range_m = 1e300;  // one ray may have any length
+  rays.rays[50].max_range_m = 1e9;
+  ExpectSame(rays, Cut(rays).size());
+  EXPECT_EQ(Cut(rays)[1].size(), 1u);
+
+  DistancesQuery distances = RandomDistances(random_, 10);
+  distances.max_distance_m = 100;
+  ExpectSame(distances, 10);
+  expect_refused(distances, 2, "2 points within 100 m in one request; 1 are allowed");
+  auto request = ToMessage(distances, {0, 2});
+  for (const double wrong : {std::nan(""), -1e300, -10.0, 1e300}) {
+    request.max_distance_m = wrong;
+    EXPECT_TRUE(absl::IsInvalidArgument(StatusFor(request))) << wrong;
+  }
+
+  SweepsQuery sweeps;
+  sweeps.sweeps.resize(40, {{{0, 0}, {1000, 0}}, 1});
+  ExpectSame(sweeps, 40);
+  expect_refused(sweeps, 2, "of 8032 m2 in one request; 8000 are allowed");
+  sweeps.sweeps = {{{{0, 0}, {1000, 0}}, 10}};
+  EXPECT_EQ(Cut(sweeps).size(), 1u);
+  expect_refused(sweeps, 1, "8000 are allowed");
 }
 
 TEST_F(RpcTest, WhatNoMapAnswersIsRefused) {

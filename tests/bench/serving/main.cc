@@ -1,4 +1,5 @@
-// How soon a daemon answers, and how soon and at what cost followers have what it maps.
+// How soon a daemon answers, at what cost, and how soon and at what cost followers have what it
+// maps.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -7,6 +8,7 @@
 
 #include "lib/base/status.h"
 #include "tests/bench/serving/bandwidth.h"
+#include "tests/bench/serving/largest_requests.h"
 #include "tests/bench/serving/latency.h"
 
 namespace splinemap::bench {
@@ -41,6 +43,7 @@ std::string Json(const Figures& figures) {
 absl::Status Run(bool quick, const std::string& json_path) {
   SPLINEMAP_ASSIGN_OR_RETURN(std::vector<Figures> all, MeasureAsking(quick ? 20 : 500));
   for (const Figures& figures : all) Print(figures);
+  Print(all.emplace_back(MeasureLargestRequests(quick ? 10 : 100)));
   SPLINEMAP_ASSIGN_OR_RETURN(all.emplace_back(), MeasureLatency(quick ? 20 : 400));
   Print(all.back());
   for (const char* name : {"intel", "freiburg_079", "simulated_360_beams_3.5_m"}) {
