@@ -46,6 +46,16 @@ std::vector<LayerSnapshot>::iterator OwnLayerOf(MapSnapshot& map, const std::str
   });
 }
 
+// Beyond half of what may be said somebody else has counted, and may go on.
+bool HasRoomToCount(uint64_t incarnation, uint64_t revision) {
+  return incarnation <= LayerEpoch::kMaxIncarnation / 2 && revision <= kMaxRevision / 2;
+}
+
+void Renumber(const TileTree& tiles, Layer& layer) {
+  tiles.ForEach(
+      [&](TileKey key, const TileTree::Entry& entry) { layer.RestoreTile(key, entry.tile, 1); });
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& config,
@@ -163,11 +173,10 @@ absl::StatusOr<MapSnapshot> Daemon::LoadMap(const std::string& name) {
   MutexLock lock(file_mutex_);
   MapSnapshot map;
   map.options = MapOptionsOf(config_.method());
-  SPLINEMAP_ASSIGN_OR_RETURN(const bool is_empty, file_.IsEmpty());
-  if (!is_empty) {
-    SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, file_.Load());
-    ReportDamages(loaded.damages);
-    map = *loaded.map;
+  if (const absl::StatusOr<LoadedMap> loaded = file_.Load(); !absl::IsNotFound(loaded.status())) {
+    SPLINEMAP_RETURN_IF_ERROR(loaded.status());
+    ReportDamages(*loaded);
+    map = *loaded->map;
     SPLINEMAP_RETURN_IF_ERROR(CheckMethod(config_.method(), map.options, MapPath(config_)));
     config_.mutable_method()->set_knot_interval_m(map.options.knot_interval_m);
     SPLINEMAP_RETURN_IF_ERROR(CheckConfig(config_));
@@ -182,20 +191,35 @@ absl::StatusOr<MapSnapshot> Daemon::LoadMap(const std::string& name) {
   // A start takes the next incarnation, so that nothing of an earlier life is taken for new.
   const LayerEpoch epoch{own->epoch.incarnation + 1, RandomId()};
   const LayerControl& control = map.controls.Of(own->id);
-  if (control.IsRemoved(epoch) && config_.service().remote_commands()) {
-    map_->AddLayer(own->id, {control.removed_up_to + 1, RandomId()});
+  const bool is_removed = control.IsRemoved(epoch) && config_.service().remote_commands();
+  const uint64_t incarnation = is_removed ? control.removed_up_to + 1 : epoch.incarnation;
+  if (HasRoomToCount(incarnation, own->revision)) {
+    if (is_removed) {
+      map_->AddLayer(own->id, {incarnation, epoch.nonce});
+    } else {
+      map_->ContinueLayer(*own, epoch);
+    }
   } else {
-    map_->ContinueLayer(*own, epoch);
+    Layer& fresh = map_->AddLayer({name, RandomId()}, {1, epoch.nonce});
+    if (!is_removed) Renumber(own->tiles, fresh);
+    Report(
+        {.subject = "identity",
+         .text = fmt::format("start {} and commit {} of {} leave no room to count on, so that "
+                             "it goes on as another layer, origin {:016x}; who has that of "
+                             "origin {:016x}, too, sums both: splinemap control removes it",
+                             incarnation, own->revision, name, fresh.id().origin, own->id.origin)});
   }
   map.layers.erase(own);
   return map;
 }
 
-void Daemon::ReportDamages(const std::vector<std::string>& damages) {
+void Daemon::ReportDamages(const LoadedMap& loaded) {
+  const std::vector<std::string>& damages = loaded.damages;
   if (damages.empty()) return;
   constexpr size_t kMaxLines = 5;
-  std::string text = fmt::format("{}: {} damages, of which the next save leaves nothing",
-                                 MapPath(config_), damages.size());
+  std::string text =
+      fmt::format("{}: {} damages, of which the next save leaves nothing; the file is kept as {}",
+                  MapPath(config_), damages.size(), loaded.kept_copy);
   for (size_t k = 0; k < std::min(damages.size(), kMaxLines); ++k) text += "; " + damages[k];
   Report({.subject = "damage", .text = absl::Utf8SafeCHexEscape(text)});
 }
@@ -304,11 +328,22 @@ void Daemon::SaveNowAndThen(const std::stop_token& stop) {
   }
 }
 
+absl::Status Daemon::SaveFile(const MapSnapshot& map) {
+  const absl::StatusOr<std::vector<std::string>> problems = file_.Save(map);
+  SPLINEMAP_RETURN_IF_ERROR(problems.status());
+  if (problems->empty()) return absl::OkStatus();
+  Report({.subject = "left out",
+          .text = fmt::format(
+              "saved to {}, but: {}{}", MapPath(config_), problems->front(),
+              problems->size() == 1 ? "" : fmt::format("; and {} more", problems->size() - 1))});
+  return absl::OkStatus();
+}
+
 absl::Status Daemon::Save() {
   MutexLock file_lock(file_mutex_);
   const std::shared_ptr<const MapSnapshot> map = sum_->Snapshot();
   if (saved_.lock() == map) return absl::OkStatus();
-  SPLINEMAP_RETURN_IF_ERROR(file_.Save(*map));
+  SPLINEMAP_RETURN_IF_ERROR(SaveFile(*map));
   saved_ = map;
   MutexLock lock(mutex_);
   state_.saved_revision = map->layers.front().revision;

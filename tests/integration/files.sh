@@ -104,16 +104,36 @@ expect_text "the tiles are not those that were saved" err
 cp office.splinemap record.splinemap
 sqlite3 record.splinemap "UPDATE map SET record = zeroblob(length(record))"
 expect 1 splinemap info record.splinemap
-expect_text "its map record cannot be read" err
+expect_text "the record of the map cannot be read; its copy is used" err
+cp office.splinemap options.splinemap
+sqlite3 options.splinemap "DELETE FROM map; DELETE FROM layer"
+expect 1 splinemap info options.splinemap
+expect_text "no record of its knot interval is left" err
+expect 1 splinemapd --map options.splinemap --scan LASER --pose POSE --name robot
+expect_text "no record of its knot interval is left" err
 head -c 40000 office.splinemap > cut_map.splinemap
 cp office.splinemap page.splinemap
 overwrite page.splinemap 40960 4096
-for file in record cut_map page; do
+cp office.splinemap first_page.splinemap
+overwrite first_page.splinemap 0 4096
+for file in record cut_map page first_page; do
   expect 1 splinemap render "$file.splinemap" "$file.png"
-  expect_text "$file.splinemap is damaged" err
-  expect 1 splinemapd --map "$file.splinemap" --scan LASER --pose POSE
-  expect_text "$file.splinemap is damaged" err
+  expect_text "$file.splinemap" err
+  [[ -s $file.png ]] || fail "no picture of what is left of $file"
+  expect 1 splinemap merge "$file.splinemap" -o merged.splinemap
+  expect_text "$file.splinemap is damaged, so that nothing is written" err
+  [[ ! -e merged.splinemap ]] || fail "a damaged map was merged"
+  expect 1 splinemap merge --damaged "$file.splinemap" -o merged.splinemap
+  expect_text "$file.splinemap" err
+  expect 0 splinemap info merged.splinemap
+  rm merged.splinemap
+  expect 0 timeout --preserve-status 2 \
+    splinemapd --map "$file.splinemap" --scan LASER --pose POSE --name robot
+  expect_text "the file is kept as $file.splinemap" err
+  expect 0 splinemap info "$file.splinemap"
+  expect 1 splinemap info "$file".splinemap.*.damaged
 done
+expect 0 splinemap diff first_page.splinemap office.splinemap
 
 # --- two daemons on one map
 listen=(--scan LASER --pose POSE --name robot)
