@@ -236,7 +236,8 @@ class MapReader {
       Damage("the record of the map cannot be read; its copy is used");
       map_record_ = map_copy_;
     }
-    if (!map_record_) return DataLoss("{} is damaged: no record of its knot interval is left", path_);
+    if (!map_record_)
+      return DataLoss("{} is damaged: no record of its knot interval is left", path_);
     map_ = std::make_unique<Map>(*OptionsOf(*map_record_));
     for (const store::LayerRecord& copy : map_record_->layer()) {
       if (records_.try_emplace(copy.row(), copy).second) {
@@ -474,19 +475,25 @@ int64_t NextUnusedRow(int64_t& row, SQLite::Statement& in_use) {
   return row;
 }
 
-// Deletes the tiles of layers that are not in `rows`.
-void DeleteOld(const std::vector<int64_t>& rows, SQLite::Database& database) {
+// Deletes tiles of layers that are not in `rows`, so many at a time that a save stays short. Nobody
+// reads them meanwhile, and no other layer gets their number.
+void DeleteSomeOld(const std::vector<int64_t>& rows, SQLite::Database& database) {
+  constexpr int64_t kMaxTiles = 4096;
   SQLite::Statement next(database, "SELECT min(layer) FROM tile WHERE layer > ?");
-  SQLite::Statement remove(database, "DELETE FROM tile WHERE layer = ?");
+  SQLite::Statement remove(database,
+                           "DELETE FROM tile WHERE rowid IN "
+                           "(SELECT rowid FROM tile WHERE layer = ? LIMIT ?)");
   int64_t row = std::numeric_limits<int64_t>::min();
-  while (true) {
+  int64_t left = kMaxTiles;
+  while (left > 0) {
     next.bind(1, row);
     if (!next.executeStep() || next.getColumn(0).isNull()) return;
     row = next.getColumn(0).getInt64();
     next.reset();
     if (std::find(rows.begin(), rows.end(), row) != rows.end()) continue;
     remove.bind(1, row);
-    remove.exec();
+    remove.bind(2, left);
+    left -= remove.exec();
     remove.reset();
   }
 }
@@ -494,8 +501,8 @@ void DeleteOld(const std::vector<int64_t>& rows, SQLite::Database& database) {
 }  // namespace
 
 bool SavedLayer::GoesOnAs(const LayerSnapshot& layer) const {
-  return layer.id == id && (tree_line == 0 || layer.tiles.line() == tree_line) &&
-         layer.tiles.size() >= num_tiles;
+  const bool is_same = tree_line == 0 ? layer.id == id : layer.tiles.line() == tree_line;
+  return is_same && layer.tiles.size() >= num_tiles;
 }
 
 std::vector<SavedLayer> SavedLayersOf(const MapSnapshot& map) {
@@ -643,7 +650,7 @@ Written WriteMap(const MapSnapshot& map, const std::vector<SavedLayer>& saved,
     records.push_back(LayerRecordOf(layer, row, state.left_out));
     written.saved.push_back(std::move(state));
   }
-  DeleteOld(rows, database);
+  DeleteSomeOld(rows, database);
   store::MapRecord map_record = MapRecordOf(map, records.size(), written.left_out);
   database.exec("DELETE FROM layer");
   SQLite::Statement put_layer(database,

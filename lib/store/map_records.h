@@ -34,7 +34,8 @@ struct SavedLayer {
   size_t num_tiles = 0;
   std::set<TileKey> left_out;  // they cannot be
 
-  // Whether `layer` has all of its tiles, so that only changes are to be written.
+  // Whether `layer` has all of its tiles, so that only changes are to be written; it may have
+  // another name by now.
   bool GoesOnAs(const LayerSnapshot& layer) const;
 };
 std::vector<SavedLayer> SavedLayersOf(const MapSnapshot& map);
@@ -64,7 +65,8 @@ struct Written {
 };
 
 // Writes the layers of `saved` that go on as far as they changed and all others whole; of layers
-// that do not go on, and of those that are not in `saved`, what the database held is gone. What
+// that do not go on, and of those that are not in `saved`, nothing that the database held is read
+// any more, and some thousand rows are deleted with each call. What
 // validity.h and LayerControl::IsValid() refuse is left out. Requires options that can be, and a
 // transaction.
 Written WriteMap(const MapSnapshot& map, const std::vector<SavedLayer>& saved,
