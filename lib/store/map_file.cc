@@ -250,7 +250,9 @@ absl::StatusOr<LoadedMap> MapFile::Load() {
 absl::StatusOr<std::vector<std::string>> MapFile::Save(const MapSnapshot& snapshot) {
   using Problems = std::vector<std::string>;
   SPLINEMAP_RETURN_IF_ERROR(CheckMapOptions(snapshot.options));
-  SPLINEMAP_RETURN_IF_ERROR(CheckStillThere());
+  if (!IsThere()) {
+    return FailedPrecondition("{} was deleted or replaced while it was in use", path_);
+  }
   if (!damage_.ok()) return Renew(snapshot);
   absl::StatusOr<Problems> saved = WithStatus(path_, [&]() -> absl::StatusOr<Problems> {
     if (!database_) return FailedPrecondition("{} is closed", path_);
@@ -312,9 +314,31 @@ absl::StatusOr<std::vector<std::string>> MapFile::Renew(const MapSnapshot& snaps
   return problems;
 }
 
-absl::Status MapFile::CheckStillThere() const {
-  if (lock_ != nullptr && lock_->Holds(path_)) return absl::OkStatus();
-  return FailedPrecondition("{} was deleted or replaced while it was in use", path_);
+bool MapFile::IsThere() const { return lock_ != nullptr && lock_->Holds(path_); }
+
+absl::StatusOr<std::vector<std::string>> MapFile::SaveElsewhere(const std::string& path,
+                                                                const MapSnapshot& snapshot) {
+  if (!IsThere()) {
+    // What its -wal has would be taken for what replaced it, unless that is in use already.
+    database_ = nullptr;
+    std::error_code error;
+    if (CheckNotInUse(path_).ok()) {
+      std::filesystem::remove(path_ + "-wal", error);
+      std::filesystem::remove(path_ + "-shm", error);
+    }
+  }
+  const int created = open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  if (created < 0) return Unavailable("cannot write {}: {}", path, std::strerror(errno));
+  close(created);
+  const auto save = [&]() -> absl::StatusOr<std::vector<std::string>> {
+    SPLINEMAP_ASSIGN_OR_RETURN(MapFile fresh, Open(path));
+    SPLINEMAP_ASSIGN_OR_RETURN(std::vector<std::string> problems, fresh.Save(snapshot));
+    *this = std::move(fresh);
+    return problems;
+  };
+  absl::StatusOr<std::vector<std::string>> saved = save();
+  if (!saved.ok()) Remove(path);
+  return saved;
 }
 
 absl::StatusOr<LoadedMap> ReadMapFile(const std::string& path) {

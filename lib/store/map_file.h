@@ -45,13 +45,22 @@ class MapFile {
   absl::StatusOr<LoadedMap> Load();
 
   // Writes what changed since the last save of this object or its Load(); all of it the first time,
-  // and where the file is damaged, into a new one in its place.
-  // A layer that began anew is written whole, and one that is gone is deleted. Requires equal map
-  // options. Returns problems that did not keep it from saving, a line each: what was left out
-  // since it cannot be true (lib/map/validity.h), or that the file was damaged and is written anew.
-  // After a failure (the disk is full, the file was deleted or replaced) the file is as it
-  // was, and the next save writes what this one did not.
+  // and where the file is damaged, into a new one in its place. A layer that began anew is written
+  // whole, and one that is gone is deleted. Requires equal map options. Returns problems that did
+  // not keep it from saving, a line each: what was left out since it cannot be true
+  // (lib/map/validity.h), or that the file was damaged and is written anew. After a failure (the
+  // disk is full, the file was deleted or replaced) the file is as it was, and the next save writes
+  // what this one did not.
   absl::StatusOr<std::vector<std::string>> Save(const MapSnapshot& snapshot);
+
+  // The same for all of the map, in a new file at `path`, where nothing may stand, and goes on there:
+  // for a file that is not there any more or cannot be written. After a failure nothing has changed.
+  absl::StatusOr<std::vector<std::string>> SaveElsewhere(const std::string& path,
+                                                         const MapSnapshot& snapshot);
+
+  // False where the file was deleted or replaced, or its folder is gone.
+  bool IsThere() const;
+  const std::string& path() const { return path_; }
 
   // Brings everything into the one file; every later call fails. The destructor does the same and
   // keeps silent. While another process reads, the files beside may stay, with nothing in them.
@@ -62,7 +71,6 @@ class MapFile {
 
   MapFile(std::string path, std::unique_ptr<Lock> lock, std::unique_ptr<SQLite::Database> database);
   static absl::StatusOr<MapFile> OpenDatabase(const std::string& path, std::unique_ptr<Lock> lock);
-  absl::Status CheckStillThere() const;
   absl::StatusOr<std::string> KeepDamaged() const;
   absl::StatusOr<std::vector<std::string>> Renew(const MapSnapshot& snapshot);
 

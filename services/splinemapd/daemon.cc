@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <utility>
 
 #include "absl/strings/escaping.h"
@@ -330,6 +331,7 @@ void Daemon::SaveNowAndThen(const std::stop_token& stop) {
 
 absl::Status Daemon::SaveFile(const MapSnapshot& map) {
   const absl::StatusOr<std::vector<std::string>> problems = file_.Save(map);
+  if (!problems.ok() && !file_.IsThere()) return SaveElsewhere(map, problems.status());
   SPLINEMAP_RETURN_IF_ERROR(problems.status());
   if (problems->empty()) return absl::OkStatus();
   Report({.subject = "left out",
@@ -339,11 +341,34 @@ absl::Status Daemon::SaveFile(const MapSnapshot& map) {
   return absl::OkStatus();
 }
 
+// Where it was, where nothing stands there now; else beside it; else in the temporary folder.
+absl::Status Daemon::SaveElsewhere(const MapSnapshot& map, const absl::Status& why) {
+  const std::filesystem::path path = MapPath(config_);
+  const std::string rescue =
+      fmt::format("{}.rescue-{:08x}.splinemap", path.stem().string(), RandomId() & 0xffffffff);
+  std::vector<std::filesystem::path> places{path, path.parent_path() / rescue};
+  std::error_code error;
+  const std::filesystem::path temporary = std::filesystem::temp_directory_path(error);
+  if (!error) places.push_back(temporary / rescue);
+  for (const std::filesystem::path& place : places) {
+    if (!file_.SaveElsewhere(place.string(), map).ok()) continue;
+    Report(
+        {.subject = "rescue",
+         .text = fmt::format("{}; the map is in {} from now on", ErrorText(why), place.string())});
+    return absl::OkStatus();
+  }
+  return why;
+}
+
 absl::Status Daemon::Save() {
   MutexLock file_lock(file_mutex_);
   const std::shared_ptr<const MapSnapshot> map = sum_->Snapshot();
-  if (saved_.lock() == map) return absl::OkStatus();
-  SPLINEMAP_RETURN_IF_ERROR(SaveFile(*map));
+  if (saved_.lock() == map && file_.IsThere()) return absl::OkStatus();
+  if (const absl::Status saved = SaveFile(*map); !saved.ok()) {
+    MutexLock lock(mutex_);
+    if (!file_.IsThere()) state_.saved_revision.reset();
+    return saved;
+  }
   saved_ = map;
   MutexLock lock(mutex_);
   state_.saved_revision = map->layers.front().revision;
@@ -362,7 +387,12 @@ absl::Status Daemon::Stop() {
   }
   queries_.reset();
   keeper_.reset();
-  if (const absl::Status saved = Save(); !saved.ok()) {
+  absl::Status saved = Save();
+  if (!saved.ok()) {
+    MutexLock lock(file_mutex_);
+    saved = SaveElsewhere(*sum_->Snapshot(), saved);
+  }
+  if (!saved.ok()) {
     const status_t status = Status();
     return Unavailable("{}; the last {} of {} commits to the map are lost", ErrorText(saved),
                        status.revision - status.saved_revision, status.revision);
@@ -371,6 +401,10 @@ absl::Status Daemon::Stop() {
   {
     MutexLock lock(file_mutex_);
     SPLINEMAP_RETURN_IF_ERROR(file_.Close());
+    if (file_.path() != MapPath(config_)) {
+      return Unavailable("{} could not be written; the map is in {}, with all commits",
+                         MapPath(config_), file_.path());
+    }
   }
   PublishStatus();
   const status_t status = Status();

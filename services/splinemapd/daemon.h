@@ -110,8 +110,11 @@ class Daemon {
   void LookAtLayers();
   void SaveNowAndThen(const std::stop_token& stop);
   absl::Status Save();
-  // What the file leaves out is reported.
+  // What the file leaves out is reported. Where the file is not there any more, it is made anew, or
+  // the map goes on in a rescue file.
   absl::Status SaveFile(const MapSnapshot& map) ABSL_EXCLUSIVE_LOCKS_REQUIRED(file_mutex_);
+  absl::Status SaveElsewhere(const MapSnapshot& map, const absl::Status& why)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(file_mutex_);
   int64_t DroppedByOverload() const;
   status_t Status();
   layers_t Layers();

@@ -262,6 +262,61 @@ TEST_F(DaemonTest, ADamagedMapIsContinuedAndTheFileAsItWasIsKept) {
   EXPECT_EQ(directory_.CountFiles(), 2);
 }
 
+TEST_F(DaemonTest, AMapThatIsRemovedIsMadeAnew) {
+  Start();
+  Drive(20);
+  AwaitStatus([](const status_t& s) { return s.saved_revision == 20; });
+  std::filesystem::remove(config_.map());
+  EXPECT_TRUE(daemon_->Stop().ok());
+  EXPECT_EQ(SavedMap()->layers[0].revision, 20u);
+}
+
+TEST_F(DaemonTest, AMapThatIsReplacedGoesOnInARescueFileAndTheOtherStays) {
+  Start();
+  Drive(20);
+  AwaitStatus([](const status_t& s) { return s.saved_revision == 20; });
+  std::filesystem::remove(config_.map());
+  std::ofstream(config_.map()) << "of somebody else";
+  Drive(20, 10'000);
+  const status_t status = AwaitStatus([](const status_t& s) { return s.saved_revision == 40; });
+  EXPECT_NE(status.last_problem.find(".rescue-"), std::string::npos) << status.last_problem;
+  Drive(20, 20'000);
+  AwaitStatus([](const status_t& s) { return s.saved_revision == 60; });
+  const std::string end(daemon_->Stop().message());
+  const size_t begin = end.find("the map is in ") + 14;
+  const auto rescued = ReadMapFile(end.substr(begin, end.find(',', begin) - begin));
+  ASSERT_TRUE(rescued.ok()) << end;
+  EXPECT_EQ(rescued->map->layers[0].revision, 60u);
+  std::ifstream other(config_.map());
+  EXPECT_EQ(std::string(std::istreambuf_iterator<char>(other), {}), "of somebody else");
+}
+
+TEST_F(DaemonTest, AMapWhoseFolderIsGoneGoesOnInTheTemporaryFolder) {
+  const TemporaryDirectory temporary;
+  setenv("TMPDIR", temporary.path().c_str(), 1);
+  const std::string folder = directory_.File("folder");
+  std::filesystem::create_directory(folder);
+  config_.set_map(folder + "/robot.splinemap");
+  Start();
+  Drive(20);
+  AwaitStatus([](const status_t& s) { return s.saved_revision == 20; });
+  std::filesystem::remove_all(folder);
+  const std::string end(daemon_->Stop().message());
+  EXPECT_NE(end.find("the map is in " + temporary.path()), std::string::npos) << end;
+  EXPECT_EQ(temporary.CountFiles(), 1);
+  daemon_.reset();
+
+  std::filesystem::create_directory(folder);
+  setenv("TMPDIR", "/nowhere", 1);
+  Start();
+  Drive(20);
+  AwaitStatus([](const status_t& s) { return s.saved_revision == 20; });
+  std::filesystem::remove_all(folder);
+  const std::string lost(daemon_->Stop().message());
+  EXPECT_NE(lost.find("the last 20 of 20 commits"), std::string::npos) << lost;
+  unsetenv("TMPDIR");
+}
+
 TEST_F(DaemonTest, ErrorsAtTheStartAreReturned) {
   config_.set_map(directory_.File("no/such/folder/map"));
   EXPECT_FALSE(Daemon::Start(config_, *LcmBus::Open("memq://")).ok());

@@ -196,7 +196,9 @@ expect 0 splinemap diff full/live.splinemap office.splinemap
 
 # --- a daemon that ends while the disk is full
 rm full/*
-splinemapd --config often.textproto --map full/live.splinemap "${listen[@]}" 2> daemon.log &
+mkdir temporary
+TMPDIR=$PWD/temporary \
+  splinemapd --config often.textproto --map full/live.splinemap "${listen[@]}" 2> daemon.log &
 daemon=$!
 await has '.saved_revision == .revision'
 fill
@@ -207,6 +209,8 @@ kill "$daemon"
 wait "$daemon" && fail "not all was saved, and yet the exit status is 0"
 expect_text_in_log() { grep -q "$1" daemon.log || fail "no '$1' in: $(cat daemon.log)"; }
 expect_text_in_log "full/live.splinemap: the disk is full"
+expect_text_in_log "the map is in $PWD/temporary/live.rescue-.*.splinemap, with all commits"
+expect 0 splinemap info temporary/live.rescue-*.splinemap
 rm full/ballast
 expect 0 splinemap info full/live.splinemap  # the last save, whole
 

@@ -293,6 +293,31 @@ TEST_F(MapFileTest, AFileThatIsDeletedOrReplacedIsNoticed) {
   EXPECT_TRUE(absl::IsFailedPrecondition(file->Save(*map_.Snapshot()).status()));
 }
 
+TEST_F(MapFileTest, AFileThatWasDeletedOrReplacedIsSavedElsewhereAndLeavesTheOtherAlone) {
+  Layer& layer = map_.AddLayer({"robot", 1}, {1, 1});
+  const std::string rescue = directory_.File("rescue");
+  for (const bool is_replaced : {false, true}) {
+    std::filesystem::remove(path_);
+    auto file = MapFile::Open(path_);
+    Commit(layer, 5);
+    ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+    std::filesystem::remove(path_);
+    if (is_replaced) std::filesystem::copy_file(TestData("map_of_schema_2"), path_);
+    EXPECT_FALSE(file->IsThere());
+    Commit(layer, 6);
+    EXPECT_EQ(file->SaveElsewhere(path_, *map_.Snapshot()).ok(), !is_replaced);
+    if (is_replaced) {
+      ASSERT_TRUE(file->SaveElsewhere(rescue, *map_.Snapshot()).ok());
+      EXPECT_EQ(ReadMapFile(path_)->map->layers.size(), 2u);  // and no mixture
+      EXPECT_TRUE(ReadMapFile(path_)->damages.empty());
+    }
+    EXPECT_EQ(file->path(), is_replaced ? rescue : path_);
+    Commit(layer, 7);
+    ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+    ExpectEqual(*ReadMapFile(file->path())->map, *map_.Snapshot());
+  }
+}
+
 TEST_F(MapFileTest, ACopyOfTheFileInUseHasTheLastSave) {
   Commit(map_.AddLayer({"robot", 1}, {1, 1}), 5);
   auto file = MapFile::Open(path_);
