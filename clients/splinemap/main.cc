@@ -3,6 +3,7 @@
 #include <exception>
 
 #include "clients/splinemap/commands.h"
+#include "lib/base/file.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -50,6 +51,7 @@ int Main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? kSuccess : kUsage;
   }
+  RemoveTemporaryFilesAtSignals();
   try {
     const absl::StatusOr<int> status = chosen();
     if (status.ok()) return *status;

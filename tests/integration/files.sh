@@ -148,6 +148,33 @@ kill "$daemon"
 wait "$daemon" || fail "the first daemon: $(cat daemon.log)"
 expect 0 splinemap diff shared.splinemap office.splinemap
 
+# --- killed commands: the next one removes what they left
+mkdir killed
+for k in {1..10}; do
+  splinemap build office.lcmlog --out killed/x.splinemap 2> /dev/null &
+  command=$!
+  sleep "0.$k"
+  kill -9 "$command" 2> /dev/null || true
+  wait "$command" 2> /dev/null || true
+  rm -f killed/x.splinemap
+done
+splinemap simulate killed/y.lcmlog 2> /dev/null &
+command=$!
+until compgen -G 'killed/y.lcmlog.*.part' > /dev/null; do sleep 0.01; done
+kill -9 "$command"
+wait "$command" 2> /dev/null || true
+compgen -G 'killed/y.lcmlog.*.part' > /dev/null || fail "nothing was left to be removed"
+expect 0 splinemap build office.lcmlog --out killed/x.splinemap
+expect 0 splinemap simulate killed/y.lcmlog
+[[ $(cd killed && echo *) == "x.splinemap y.lcmlog" ]] || fail "left behind: $(ls killed)"
+rm killed/y.lcmlog
+splinemap simulate killed/y.lcmlog 2> /dev/null &
+command=$!
+until compgen -G 'killed/y.lcmlog.*.part' > /dev/null; do sleep 0.01; done
+kill -TERM "$command"
+wait "$command" && fail "a command that was ended is not done"
+[[ $(cd killed && echo *) == x.splinemap ]] || fail "left behind: $(ls killed)"
+
 if [[ $mounts == no_mounts ]]; then
   echo "files: full and read-only disks skipped, no file system can be mounted here"
   exit 0
