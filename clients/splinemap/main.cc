@@ -25,6 +25,7 @@ int Main(int argc, char** argv) {
   app.set_version_flag("--version", SPLINEMAP_VERSION);
   app.require_subcommand(1);
   Command chosen;
+  AddBackup(app, chosen);
   AddBuild(app, chosen);
   AddInfo(app, chosen);
   AddRender(app, chosen);

@@ -148,6 +148,27 @@ kill "$daemon"
 wait "$daemon" || fail "the first daemon: $(cat daemon.log)"
 expect 0 splinemap diff shared.splinemap office.splinemap
 
+# --- backups of a map that a daemon goes on saving
+printf 'service { save_interval_s: 0.1 }\n' > often.textproto
+splinemapd --config often.textproto --map live.splinemap "${listen[@]}" 2> daemon.log &
+daemon=$!
+await splinemap watch --once --timeout 2
+lcm-logplayer -s 5 office.lcmlog > /dev/null &
+player=$!
+for k in {1..20}; do
+  expect 0 splinemap backup live.splinemap backup_$k.splinemap
+  expect 0 splinemap info backup_$k.splinemap
+done
+wait "$player"
+kill "$daemon"
+wait "$daemon" || fail "the daemon that was copied: $(cat daemon.log)"
+expect 2 splinemap backup live.splinemap backup_1.splinemap
+expect_text "--force replaces it" err
+expect 0 splinemap backup live.splinemap backup_1.splinemap --force
+expect 0 splinemap diff live.splinemap backup_1.splinemap
+expect 1 splinemap backup tile.splinemap backup_tile.splinemap
+expect_text "is damaged, so that nothing is written" err
+
 # --- killed commands: the next one removes what they left
 mkdir killed
 for k in {1..10}; do
