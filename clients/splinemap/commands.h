@@ -22,7 +22,7 @@ using Command = std::function<absl::StatusOr<int>()>;
 // Whether a command may write this file: its folder is there, and so is the file only with `force`.
 absl::Status CheckOutput(const std::string& path, bool force);
 
-// Writes the map to `out`, whole or not at all.
+// Writes the map to `out`, whole or not at all; not at all where something of it cannot be true.
 absl::Status SaveAs(const MapSnapshot& map, const std::string& out);
 
 // What commands that make a map file of others take beside their inputs.
@@ -45,6 +45,7 @@ absl::StatusOr<LoadedMap> ReadInput(const std::string& path, const MapOutput& ou
 int ReportDamages(const LoadedMap& loaded);
 
 // Each adds one subcommand, which sets `chosen` when it is on the command line.
+void AddBackup(CLI::App& app, Command& chosen);
 void AddBridge(CLI::App& app, Command& chosen);
 void AddBuild(CLI::App& app, Command& chosen);
 void AddCheck(CLI::App& app, Command& chosen);

@@ -3,6 +3,7 @@
 #include <exception>
 
 #include "clients/splinemap/commands.h"
+#include "lib/base/file.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -24,6 +25,7 @@ int Main(int argc, char** argv) {
   app.set_version_flag("--version", SPLINEMAP_VERSION);
   app.require_subcommand(1);
   Command chosen;
+  AddBackup(app, chosen);
   AddBuild(app, chosen);
   AddInfo(app, chosen);
   AddRender(app, chosen);
@@ -50,6 +52,7 @@ int Main(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? kSuccess : kUsage;
   }
+  RemoveTemporaryFilesAtSignals();
   try {
     const absl::StatusOr<int> status = chosen();
     if (status.ok()) return *status;

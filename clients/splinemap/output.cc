@@ -62,15 +62,13 @@ absl::StatusOr<LoadedMap> ReadInput(const std::string& path, const MapOutput& ou
 
 absl::Status SaveAs(const MapSnapshot& map, const std::string& out) {
   const std::string part = TemporaryPathFor(out);
-  const absl::Cleanup remove_part = [&] {
-    std::error_code error;
-    for (const char* beside : {"", "-wal", "-shm", "-journal"}) {
-      std::filesystem::remove(part + beside, error);
-    }
-  };
+  const absl::Cleanup remove_part = [&] { MapFile::Remove(part); };
   {
     SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(part));
-    SPLINEMAP_RETURN_IF_ERROR(file.Save(map));
+    SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<std::string> left_out, file.Save(map));
+    if (!left_out.empty()) {
+      return InvalidArgument("{} is not written: it would be without {}", out, left_out.front());
+    }
     SPLINEMAP_RETURN_IF_ERROR(file.Close());
   }
   return MapFile::Rename(part, out);

@@ -1,10 +1,20 @@
 #include "lib/base/file.h"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
 #include <cerrno>
+#include <cinttypes>
+#include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <memory>
+#include <mutex>
 #include <utility>
 
 #include "lib/base/random.h"
@@ -17,6 +27,64 @@ struct FileCloser {
   void operator()(std::FILE* file) const { std::fclose(file); }
 };
 using File = std::unique_ptr<std::FILE, FileCloser>;
+
+constexpr std::array<const char*, 4> kBeside{"", "-wal", "-shm", "-journal"};
+
+// The last names that this process has made, for a signal handler, which may neither lock nor
+// allocate. A name that is in use no more names nothing.
+constexpr size_t kMaxNames = 32;
+constexpr size_t kMaxNameBytes = 1024;
+std::array<std::array<std::array<char, kMaxNameBytes>, kBeside.size()>, kMaxNames> made_names;
+std::atomic<size_t> made_count{0};
+
+void RemoveMade(int signal) {
+  for (size_t k = 0; k < std::min(made_count.load(), kMaxNames); ++k) {
+    for (const auto& name : made_names[k]) unlink(name.data());
+  }
+  std::signal(signal, SIG_DFL);
+  std::raise(signal);
+}
+
+void Remember(const std::string& path) {
+  static std::mutex mutex;
+  const std::scoped_lock lock(mutex);
+  if (path.size() + 16 > kMaxNameBytes) return;
+  for (size_t k = 0; k < kBeside.size(); ++k) {
+    std::strcpy(made_names[made_count % kMaxNames][k].data(), (path + kBeside[k]).c_str());
+  }
+  ++made_count;
+}
+
+// Whether `name` is one that a process made for `path`, which is dead.
+bool IsLeftBehind(const std::string& path, const std::string& name) {
+  int pid = 0;
+  uint64_t random = 0;
+  int end = 0;
+  if (!name.starts_with(path) ||
+      std::sscanf(name.c_str() + path.size(), ".%d.%16" SCNx64 ".part%n", &pid, &random, &end) !=
+          2 ||
+      end == 0 || name.size() != path.size() + static_cast<size_t>(end)) {
+    return false;
+  }
+  if (pid <= 0 || kill(pid, 0) == 0 || errno != ESRCH) return false;
+  const int file = open(name.c_str(), O_RDONLY | O_NOFOLLOW | O_CLOEXEC);
+  if (file < 0) return false;
+  const bool is_free = flock(file, LOCK_EX | LOCK_NB) == 0;
+  close(file);
+  return is_free;
+}
+
+void RemoveLeftBehind(const std::filesystem::path& path) {
+  std::error_code error;
+  const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : ".";
+  for (std::filesystem::directory_iterator entry(folder, error), end; entry != end;
+       entry.increment(error)) {
+    const std::string name = entry->path().filename().string();
+    const std::string full = path.has_parent_path() ? (path.parent_path() / name).string() : name;
+    if (!IsLeftBehind(path.string(), full)) continue;
+    for (const char* beside : kBeside) std::remove((full + beside).c_str());
+  }
+}
 
 }  // namespace
 
@@ -35,13 +103,25 @@ absl::StatusOr<std::string> ReadFile(const std::string& path) {
 }
 
 std::string TemporaryPathFor(const std::string& path) {
-  return fmt::format("{}.{:016x}.part", path, RandomId());
+  RemoveLeftBehind(path);
+  std::string made = fmt::format("{}.{}.{:016x}.part", path, getpid(), RandomId());
+  Remember(made);
+  return made;
+}
+
+void RemoveTemporaryFilesAtSignals() {
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
+    // Who was started to ignore one, by nohup say, goes on ignoring it.
+    if (std::signal(signal, &RemoveMade) == SIG_IGN) std::signal(signal, SIG_IGN);
+  }
 }
 
 NewFile::NewFile(std::string path)
     : path_(std::move(path)),
       temporary_path_(TemporaryPathFor(path_)),
-      stream_(std::fopen(temporary_path_.c_str(), "wbx")) {}
+      stream_(std::fopen(temporary_path_.c_str(), "wbx")) {
+  if (stream_) flock(fileno(stream_.get()), LOCK_EX | LOCK_NB);
+}
 
 absl::StatusOr<NewFile> NewFile::Create(std::string path) {
   std::error_code ignored;

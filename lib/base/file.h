@@ -13,8 +13,15 @@ namespace splinemap {
 // The whole content of a file. Errors name the path and the system's reason.
 absl::StatusOr<std::string> ReadFile(const std::string& path);
 
-// A name beside `path` that nobody else uses, for a file in the making: `path`.RANDOM.part.
+// A name beside `path` that nobody else uses, for a file in the making: `path`.PID.RANDOM.part.
+// Removes what processes that are dead have left under such names of `path`, with the files of
+// SQLite beside it. Whoever makes the file holds a flock on it, which tells that it is alive to
+// those who do not see its process.
 std::string TemporaryPathFor(const std::string& path);
+
+// From here on SIGINT, SIGTERM and SIGHUP remove the files in the making before they end the
+// process. For programs that do not take these signals themselves.
+void RemoveTemporaryFilesAtSignals();
 
 // A file in the making, under a temporary name beside its own. A reader sees the old content until
 // Commit() and the whole new content afterwards; without a Commit() nothing is left behind, unless

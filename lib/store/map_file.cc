@@ -13,7 +13,10 @@
 #include <filesystem>
 #include <utility>
 
+#include "absl/cleanup/cleanup.h"
+#include "lib/base/file.h"
 #include "lib/base/status.h"
+#include "lib/map/validity.h"
 
 namespace splinemap {
 namespace {
@@ -27,8 +30,8 @@ absl::Status ToStatus(const std::string& path, const SQLite::Exception& exceptio
       return InvalidArgument("{} is no map file: it is no SQLite database", path);
     case SQLITE_CORRUPT:
     case SQLITE_TOOBIG:
-      return DataLoss("{} is damaged: {}; take a copy of it, or build it again from a log", path,
-                      exception.what());
+    case SQLITE_ERROR:  // the same statements work on every sound file
+      return DataLoss("{} is damaged: {}", path, exception.what());
     case SQLITE_FULL:
       return Unavailable("cannot write {}: the disk is full", path);
     case SQLITE_READONLY:
@@ -50,8 +53,27 @@ std::unique_ptr<SQLite::Database> Connect(const std::string& path, int flags) {
   // A file may come from anywhere.
   database->exec("PRAGMA trusted_schema = OFF");
   database->exec("PRAGMA cell_size_check = ON");
+  // Pages out of use hold no rows then that could be taken for rows of a damaged file.
+  database->exec("PRAGMA secure_delete = ON");
   sqlite3_limit(database->getHandle(), SQLITE_LIMIT_LENGTH, kMaxRowBytes);
   return database;
+}
+
+size_t CountTiles(const MapSnapshot& map) {
+  size_t tiles = 0;
+  for (const LayerSnapshot& layer : map.layers) tiles += layer.tiles.size();
+  return tiles;
+}
+
+// Gives the closed map `from` the name of `to`.
+absl::Status MoveOver(const std::string& from, const std::string& to) {
+  std::error_code error;
+  // What an old map has in files beside it would be taken for the new one's.
+  std::filesystem::remove(to + "-wal", error);
+  std::filesystem::remove(to + "-shm", error);
+  std::filesystem::rename(from, to, error);
+  if (error) return Unavailable("cannot write {}: {}", to, error.message());
+  return absl::OkStatus();
 }
 
 // Runs `work`, which may throw what SQLiteCpp throws, and returns its status.
@@ -122,16 +144,36 @@ absl::Status MapFile::Close() {
   });
 }
 
-absl::StatusOr<MapFile> MapFile::Open(const std::string& path) {
-  return WithStatus(path, [&]() -> absl::StatusOr<MapFile> {
-    SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<Lock> lock, Lock::Take(path));
-    auto database = Connect(path, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE);
-    if (IsUnused(*database)) MakeSchema(*database);
-    SPLINEMAP_RETURN_IF_ERROR(CheckSchema(path, *database));
-    database->exec("PRAGMA journal_mode = WAL");
-    database->exec("PRAGMA synchronous = FULL");
-    return MapFile(path, std::move(lock), std::move(database));
+absl::StatusOr<MapFile> MapFile::OpenDatabase(const std::string& path, std::unique_ptr<Lock> lock) {
+  const bool is_writer = lock != nullptr;
+  MapFile file(path, std::move(lock), nullptr);
+  absl::Status schema;
+  const absl::Status status = WithStatus(path, [&]() -> absl::Status {
+    file.database_ = Connect(
+        path, is_writer ? SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE : SQLite::OPEN_READONLY);
+    if (IsUnused(*file.database_)) {
+      if (!is_writer) return NotFound("{} holds no map yet", path);
+      MakeSchema(*file.database_);
+    }
+    schema = CheckSchema(path, *file.database_);
+    if (!schema.ok() || !is_writer) return schema;
+    file.database_->exec("PRAGMA journal_mode = WAL");
+    file.database_->exec("PRAGMA synchronous = FULL");
+    return absl::OkStatus();
   });
+  if (status.ok()) return file;
+  // With a damaged first page a map looks like no database.
+  const bool may_be_damaged =
+      absl::IsDataLoss(status) || (absl::IsInvalidArgument(status) && schema.ok());
+  file.database_ = nullptr;
+  if (!may_be_damaged || !PagesHoldMap(path)) return status;
+  file.damage_ = status;
+  return file;
+}
+
+absl::StatusOr<MapFile> MapFile::Open(const std::string& path) {
+  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<Lock> lock, Lock::Take(path));
+  return OpenDatabase(path, std::move(lock));
 }
 
 absl::Status MapFile::CheckNotInUse(const std::string& path) {
@@ -140,18 +182,20 @@ absl::Status MapFile::CheckNotInUse(const std::string& path) {
   return Lock::Take(path).status();
 }
 
+void MapFile::Remove(const std::string& path) {
+  std::error_code error;
+  for (const char* beside : {"", "-wal", "-shm", "-journal"}) {
+    std::filesystem::remove(path + beside, error);
+  }
+}
+
 absl::Status MapFile::Rename(const std::string& from, const std::string& to) {
   std::error_code error;
   std::unique_ptr<Lock> lock;
   if (std::filesystem::exists(to, error)) {
     SPLINEMAP_ASSIGN_OR_RETURN(lock, Lock::Take(to));
-    // What an old map has in files beside it would be taken for the new one's.
-    std::filesystem::remove(to + "-wal", error);
-    std::filesystem::remove(to + "-shm", error);
   }
-  std::filesystem::rename(from, to, error);
-  if (error) return Unavailable("cannot write {}: {}", to, error.message());
-  return absl::OkStatus();
+  return MoveOver(from, to);
 }
 
 absl::StatusOr<MapFile> MapFile::OpenReadOnly(const std::string& path) {
@@ -166,48 +210,135 @@ absl::StatusOr<MapFile> MapFile::OpenReadOnly(const std::string& path) {
   if (access(path.c_str(), R_OK) != 0) {
     return Unavailable("cannot read {}: {}", path, std::strerror(errno));
   }
-  return WithStatus(path, [&]() -> absl::StatusOr<MapFile> {
-    auto database = Connect(path, SQLite::OPEN_READONLY);
-    if (IsUnused(*database)) return NotFound("{} holds no map yet", path);
-    SPLINEMAP_RETURN_IF_ERROR(CheckSchema(path, *database));
-    return MapFile(path, nullptr, std::move(database));
-  });
-}
-
-absl::StatusOr<bool> MapFile::IsEmpty() {
-  return WithStatus(path_, [&]() -> absl::StatusOr<bool> { return !HasMap(*database_); });
+  return OpenDatabase(path, nullptr);
 }
 
 absl::StatusOr<LoadedMap> MapFile::Load() {
-  return WithStatus(path_, [&]() -> absl::StatusOr<LoadedMap> {
-    SQLite::Transaction transaction(*database_);  // one state, though another process may write
-    SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadMap(path_, *database_));
-    // The next save of a damaged map writes it whole, and so mends it.
-    saved_.clear();
-    if (loaded.damages.empty()) saved_ = SavedLayersOf(*loaded.map);
-    for (SavedLayer& layer : saved_) layer.tree_line = 0;  // an editor of the caller's goes on
-    return loaded;
-  });
+  absl::StatusOr<LoadedMap> loaded;  // no map
+  if (damage_.ok()) {
+    loaded = WithStatus(path_, [&]() -> absl::StatusOr<LoadedMap> {
+      if (!database_) return FailedPrecondition("{} is closed", path_);
+      SQLite::Transaction transaction(*database_);  // one state, though another process may write
+      return ReadMap(path_, *database_);
+    });
+    if (loaded.ok() && loaded->damages.empty()) {
+      saved_ = SavedLayersOf(*loaded->map);
+      for (SavedLayer& layer : saved_) layer.tree_line = 0;  // an editor of the caller's goes on
+      return loaded;
+    }
+    if (!loaded.ok() && !absl::IsDataLoss(loaded.status())) return loaded;
+    damage_ = loaded.ok() ? DataLoss("{} is damaged", path_) : loaded.status();
+  }
+  // Closed, since SQLite's locks end when the scan closes the file.
+  database_ = nullptr;
+  absl::StatusOr<LoadedMap> scanned = ReadMapOfPages(path_);
+  if (scanned.ok() && (!loaded.ok() || CountTiles(*scanned->map) >= CountTiles(*loaded->map))) {
+    const bool is_all_there = scanned->damages.empty();
+    if (!loaded.ok() || is_all_there) {
+      scanned->damages.insert(scanned->damages.begin(),
+                              ErrorText(damage_) + "; its pages are read one by one" +
+                                  (is_all_there ? ", and nothing is missing" : ""));
+    }
+    loaded = std::move(scanned);
+  }
+  if (loaded.ok() && lock_ != nullptr) {
+    SPLINEMAP_ASSIGN_OR_RETURN(loaded->kept_copy, KeepDamaged());
+  }
+  return loaded;
 }
 
-absl::Status MapFile::Save(const MapSnapshot& snapshot) {
-  return WithStatus(path_, [&]() -> absl::Status {
-    SPLINEMAP_RETURN_IF_ERROR(CheckStillThere());
+absl::StatusOr<std::vector<std::string>> MapFile::Save(const MapSnapshot& snapshot) {
+  using Problems = std::vector<std::string>;
+  SPLINEMAP_RETURN_IF_ERROR(CheckMapOptions(snapshot.options));
+  if (!IsThere()) {
+    return FailedPrecondition("{} was deleted or replaced while it was in use", path_);
+  }
+  if (!damage_.ok()) return Renew(snapshot);
+  absl::StatusOr<Problems> saved = WithStatus(path_, [&]() -> absl::StatusOr<Problems> {
+    if (!database_) return FailedPrecondition("{} is closed", path_);
     SQLite::Transaction transaction(*database_, SQLite::TransactionBehavior::IMMEDIATE);
-    WriteMap(snapshot, saved_, *database_);
+    Written written = WriteMap(snapshot, saved_, *database_);
     transaction.commit();
     // So that a copy of the one file has all. Waits for nobody: what readers hold up comes with the
     // next.
     sqlite3_wal_checkpoint_v2(database_->getHandle(), nullptr, SQLITE_CHECKPOINT_PASSIVE, nullptr,
                               nullptr);
-    saved_ = SavedLayersOf(snapshot);
-    return absl::OkStatus();
+    saved_ = std::move(written.saved);
+    return std::move(written.left_out);
   });
+  if (!absl::IsDataLoss(saved.status())) return saved;
+  damage_ = saved.status();
+  database_ = nullptr;
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::string copy, KeepDamaged());
+  SPLINEMAP_ASSIGN_OR_RETURN(Problems problems, Renew(snapshot));
+  problems.push_back(
+      fmt::format("{}; it is written anew, and was kept as {}", ErrorText(saved.status()), copy));
+  return problems;
 }
 
-absl::Status MapFile::CheckStillThere() const {
-  if (lock_ != nullptr && lock_->Holds(path_)) return absl::OkStatus();
-  return FailedPrecondition("{} was deleted or replaced while it was in use", path_);
+// A name beside for the file and its -wal; a copy where the file system has no links.
+absl::StatusOr<std::string> MapFile::KeepDamaged() const {
+  std::error_code error;
+  struct stat file {};
+  if (stat(path_.c_str(), &file) != 0) {
+    return Unavailable("cannot read {}: {}", path_, std::strerror(errno));
+  }
+  // The same for the same file, however often it is found damaged.
+  const std::string copy =
+      fmt::format("{}.{:x}-{:x}.damaged", path_, file.st_ino, file.st_mtim.tv_sec);
+  for (const char* beside : {"", "-wal"}) {
+    if (!std::filesystem::exists(path_ + beside, error)) continue;
+    if (std::filesystem::exists(copy + beside, error)) continue;
+    std::filesystem::create_hard_link(path_ + beside, copy + beside, error);
+    if (error) std::filesystem::copy_file(path_ + beside, copy + beside, error);
+    if (error) {
+      std::filesystem::remove(copy + beside, error);
+      return Unavailable("{} is damaged, and no copy of it can be kept: cannot write {}", path_,
+                         copy);
+    }
+  }
+  return copy;
+}
+
+// Goes on in a new file that replaces the damaged one.
+absl::StatusOr<std::vector<std::string>> MapFile::Renew(const MapSnapshot& snapshot) {
+  const std::string part = TemporaryPathFor(path_);
+  const absl::Cleanup remove_part = [&] { Remove(part); };
+  SPLINEMAP_ASSIGN_OR_RETURN(MapFile fresh, Open(part));
+  SPLINEMAP_ASSIGN_OR_RETURN(std::vector<std::string> problems, fresh.Save(snapshot));
+  SPLINEMAP_RETURN_IF_ERROR(fresh.Close());
+  SPLINEMAP_RETURN_IF_ERROR(MoveOver(part, path_));
+  std::vector<SavedLayer> saved = std::move(fresh.saved_);
+  SPLINEMAP_ASSIGN_OR_RETURN(*this, OpenDatabase(path_, std::move(fresh.lock_)));
+  saved_ = std::move(saved);
+  return problems;
+}
+
+bool MapFile::IsThere() const { return lock_ != nullptr && lock_->Holds(path_); }
+
+absl::StatusOr<std::vector<std::string>> MapFile::SaveElsewhere(const std::string& path,
+                                                                const MapSnapshot& snapshot) {
+  if (!IsThere()) {
+    // What its -wal has would be taken for what replaced it, unless that is in use already.
+    database_ = nullptr;
+    std::error_code error;
+    if (CheckNotInUse(path_).ok()) {
+      std::filesystem::remove(path_ + "-wal", error);
+      std::filesystem::remove(path_ + "-shm", error);
+    }
+  }
+  const int created = open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  if (created < 0) return Unavailable("cannot write {}: {}", path, std::strerror(errno));
+  close(created);
+  const auto save = [&]() -> absl::StatusOr<std::vector<std::string>> {
+    SPLINEMAP_ASSIGN_OR_RETURN(MapFile fresh, Open(path));
+    SPLINEMAP_ASSIGN_OR_RETURN(std::vector<std::string> problems, fresh.Save(snapshot));
+    *this = std::move(fresh);
+    return problems;
+  };
+  absl::StatusOr<std::vector<std::string>> saved = save();
+  if (!saved.ok()) Remove(path);
+  return saved;
 }
 
 absl::StatusOr<LoadedMap> ReadMapFile(const std::string& path) {

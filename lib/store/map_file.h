@@ -30,6 +30,8 @@ class MapFile {
 
   // FailedPrecondition where another process writes to the file. It need not be a map.
   static absl::Status CheckNotInUse(const std::string& path);
+  // Removes a map and what stands beside it, if they are there.
+  static void Remove(const std::string& path);
   // Gives the closed map `from` the name of `to`, whatever `to` was, unless it is in use.
   static absl::Status Rename(const std::string& from, const std::string& to);
 
@@ -37,17 +39,28 @@ class MapFile {
   MapFile& operator=(MapFile&&) noexcept;
   ~MapFile();
 
-  // True where nothing was saved yet.
-  absl::StatusOr<bool> IsEmpty();
-
-  // The last save. NotFound where nothing was saved yet; DataLoss where a record is damaged.
+  // The last save, or what can be read of it. NotFound where nothing was saved yet; DataLoss where
+  // nothing says what the map's options are. Of a damaged file a writer keeps a copy beside;
+  // Unavailable where it cannot.
   absl::StatusOr<LoadedMap> Load();
 
-  // Writes what changed since the last save of this object or its Load(); all of it the first time.
-  // A layer that began anew is written whole, and one that is gone is deleted. Requires equal map
-  // options. After a failure (the disk is full, the file was deleted or replaced) the file is as it
-  // was, and the next save writes what this one did not.
-  absl::Status Save(const MapSnapshot& snapshot);
+  // Writes what changed since the last save of this object or its Load(); all of it the first time,
+  // and where the file is damaged, into a new one in its place. A layer that began anew is written
+  // whole, and one that is gone is deleted. Requires equal map options. Returns problems that did
+  // not keep it from saving, a line each: what was left out since it cannot be true
+  // (lib/map/validity.h), or that the file was damaged and is written anew. After a failure (the
+  // disk is full, the file was deleted or replaced) the file is as it was, and the next save writes
+  // what this one did not.
+  absl::StatusOr<std::vector<std::string>> Save(const MapSnapshot& snapshot);
+
+  // The same for all of the map, in a new file at `path`, where nothing may stand, and goes on there:
+  // for a file that is not there any more or cannot be written. After a failure nothing has changed.
+  absl::StatusOr<std::vector<std::string>> SaveElsewhere(const std::string& path,
+                                                         const MapSnapshot& snapshot);
+
+  // False where the file was deleted or replaced, or its folder is gone.
+  bool IsThere() const;
+  const std::string& path() const { return path_; }
 
   // Brings everything into the one file; every later call fails. The destructor does the same and
   // keeps silent. While another process reads, the files beside may stay, with nothing in them.
@@ -57,11 +70,14 @@ class MapFile {
   class Lock;
 
   MapFile(std::string path, std::unique_ptr<Lock> lock, std::unique_ptr<SQLite::Database> database);
-  absl::Status CheckStillThere() const;
+  static absl::StatusOr<MapFile> OpenDatabase(const std::string& path, std::unique_ptr<Lock> lock);
+  absl::StatusOr<std::string> KeepDamaged() const;
+  absl::StatusOr<std::vector<std::string>> Renew(const MapSnapshot& snapshot);
 
   std::string path_;
-  std::unique_ptr<Lock> lock_;  // of a writer; outlives database_
-  std::unique_ptr<SQLite::Database> database_;
+  std::unique_ptr<Lock> lock_;                  // of a writer; outlives database_
+  std::unique_ptr<SQLite::Database> database_;  // null where it is closed or damaged
+  absl::Status damage_;                         // why the pages have to be read
   std::vector<SavedLayer> saved_;
 };
 

@@ -6,21 +6,31 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
-#include <cmath>
 #include <limits>
 #include <map>
+#include <memory>
 #include <optional>
+#include <set>
+#include <string_view>
+#include <utility>
 
+#include "absl/strings/escaping.h"
 #include "lib/base/host_clock.h"
 #include "lib/base/status.h"
 #include "lib/map/tile_update.h"
+#include "lib/map/validity.h"
+#include "lib/store/page_scan.h"
 #include "lib/store/records.pb.h"
 
 namespace splinemap {
 namespace {
 
 constexpr int kApplicationId = 0x53504c4d;  // "SPLM"
-constexpr int kSchemaVersion = 2;
+constexpr int kSchemaVersion = 3;
+constexpr int kOldestSchemaVersion = 2;  // whose rows and records say less
+
+// From here on the record of the map has no more copies of those of layers: rows are bounded.
+constexpr size_t kMaxCopiesBytes = 512 * 1024;
 
 constexpr const char* kSchema = R"(
   CREATE TABLE map (
@@ -54,6 +64,21 @@ std::vector<std::string> Tables(SQLite::Database& database) {
   std::vector<std::string> tables;
   while (query.executeStep()) tables.push_back(query.getColumn(0).getString());
   return tables;
+}
+
+// Names are any bytes.
+std::string Shown(const std::string& name) { return absl::Utf8SafeCHexEscape(name.substr(0, 64)); }
+
+// Whether some of the tables are ours, but for bytes that differ: what is left on a damaged page.
+bool IsLike(const std::vector<std::string>& tables, std::vector<std::string> our_tables) {
+  for (const std::string& table : tables) {
+    const auto like =
+        std::find_if(our_tables.begin(), our_tables.end(),
+                     [&](const std::string& ours) { return ours.size() == table.size(); });
+    if (like == our_tables.end()) return false;
+    our_tables.erase(like);
+  }
+  return true;
 }
 
 store::LayerName ToRecord(const LayerId& id) {
@@ -91,20 +116,15 @@ LayerControl FromRecord(const store::ControlRecord& record) {
           .removed_up_to = record.removed_up_to()};
 }
 
-bool IsPlausible(const store::MapRecord& record) {
-  constexpr int kMin = std::numeric_limits<ControlPoint>::min();
-  constexpr int kMax = std::numeric_limits<ControlPoint>::max();
-  return record.knot_interval_m() > 0 && std::isfinite(record.knot_interval_m()) &&
-         record.clamp_min() >= kMin && record.clamp_min() < 0 && record.clamp_max() > 0 &&
-         record.clamp_max() <= kMax &&
-         std::all_of(
-             record.controls().begin(), record.controls().end(),
-             [](const store::ControlRecord& control) { return FromRecord(control).IsValid(); });
-}
-
-bool IsPlausible(const store::LayerRecord& record) {
-  constexpr uint64_t kMax = uint64_t{1} << 62;  // leaves room to count on
-  return record.incarnation() < kMax && record.revision() < kMax;
+std::optional<MapOptions> OptionsOf(const store::MapRecord& record) {
+  const MapOptions options{record.knot_interval_m(),
+                           {static_cast<ControlPoint>(record.clamp_min()),
+                            static_cast<ControlPoint>(record.clamp_max())}};
+  if (options.limits.min != record.clamp_min() || options.limits.max != record.clamp_max() ||
+      !CheckMapOptions(options).ok()) {
+    return std::nullopt;
+  }
+  return options;
 }
 
 template <typename Record>
@@ -123,8 +143,7 @@ std::string BytesOf(Record record) {
 template <typename Record>
 std::optional<Record> RecordOf(const std::string& bytes) {
   Record record;
-  if (!record.ParseFromString(bytes) || record.checksum() != ChecksumOf(record) ||
-      !IsPlausible(record)) {
+  if (!record.ParseFromString(bytes) || record.checksum() != ChecksumOf(record)) {
     return std::nullopt;
   }
   return record;
@@ -144,73 +163,225 @@ struct TileTally {
   bool operator==(const TileTally&) const = default;
 };
 
-TileTally TallyOf(const TileTree& tree) {
-  TileTally tally;
-  tree.ForEach([&](TileKey key, const TileTree::Entry& entry) { tally.Add(key, entry.revision); });
-  return tally;
-}
-
 std::optional<TileKey> KeyOf(int64_t tx, int64_t ty) {
   const TileKey key{static_cast<int32_t>(tx), static_cast<int32_t>(ty)};
   if (key.tx != tx || key.ty != ty || !IsInRange(key)) return std::nullopt;
   return key;
 }
 
-bool IsWithin(const Tile& tile, ControlLimits limits) {
-  const auto [least, greatest] =
-      std::minmax_element(tile.control_points.begin(), tile.control_points.end());
-  return *least >= limits.min && *greatest <= limits.max;
+// The columns of the tables, which tell in a page what a row is of: i for integer, b for bytes.
+constexpr std::string_view kMapForm = "ib";
+constexpr std::string_view kLayerForm = "ibib";
+constexpr std::string_view kTileForm = "iiiiib";
+
+bool HasForm(absl::Span<const PageColumn> columns, std::string_view form) {
+  return std::equal(
+      columns.begin(), columns.end(), form.begin(), form.end(),
+      [](const PageColumn& column, char kind) { return column.is_bytes == (kind == 'b'); });
 }
 
-// The tile of a row tx, ty, revision, checksum, content.
-absl::StatusOr<Tile> TileOfRow(SQLite::Statement& row, TileKey key, ControlLimits limits) {
-  SPLINEMAP_ASSIGN_OR_RETURN(
-      const Tile tile,
-      TileOfUpdate({key, FromSql(row.getColumn(2).getInt64()), row.getColumn(4).getString(),
-                    FromSql(row.getColumn(3).getInt64())}));
-  if (!IsWithin(tile, limits)) {
-    return DataLoss("tile ({}, {}) has control points beyond the clamps", key.tx, key.ty);
+// What `checksum` of a row says: that of the tile, bound to the layer and the revision as well, so
+// that no row of a damaged page is taken for another's. In files of schema 2 it is the tile's
+// alone.
+uint64_t ChecksumOfRow(uint64_t tile_checksum, int64_t layer_row, uint64_t revision) {
+  const std::array<uint64_t, 2> row{FromSql(layer_row), revision};
+  return XXH3_64bits_withSeed(row.data(), sizeof row, tile_checksum);
+}
+
+struct TileRow {
+  int64_t layer = 0;
+  int64_t tx = 0;
+  int64_t ty = 0;
+  uint64_t revision = 0;
+  uint64_t checksum = 0;
+  std::string content;
+};
+
+absl::StatusOr<Tile> TileOfRow(const TileRow& row, TileKey key, ControlLimits limits) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const Tile tile, DecodeTile(row.content));
+  const uint64_t checksum = TileChecksum(key, tile);
+  if (row.checksum != ChecksumOfRow(checksum, row.layer, row.revision) &&
+      row.checksum != checksum) {
+    return DataLoss("tile ({}, {}) does not match its checksum", key.tx, key.ty);
   }
+  SPLINEMAP_RETURN_IF_ERROR(CheckTile(key, tile, limits));
   return tile;
 }
 
-// Restores the tiles of the row `layer_row`; returns what is damaged.
-std::vector<std::string> ReadTiles(SQLite::Database& database, int64_t layer_row,
-                                   const store::LayerRecord& record, ControlLimits limits,
-                                   Layer& layer) {
-  SQLite::Statement rows(database,
-                         "SELECT tx, ty, revision, checksum, content FROM tile WHERE layer = ?");
-  rows.bind(1, layer_row);
-  std::vector<std::string> damages;
-  TileTally tally;
-  while (rows.executeStep()) {
-    const int64_t tx = rows.getColumn(0).getInt64();
-    const int64_t ty = rows.getColumn(1).getInt64();
-    const uint64_t revision = FromSql(rows.getColumn(2).getInt64());
-    const std::optional<TileKey> key = KeyOf(tx, ty);
-    if (!key || revision == 0 || revision > record.revision()) {
-      damages.push_back(fmt::format("tile ({}, {}) of revision {} cannot be", tx, ty, revision));
-      continue;
+// Puts a map together from rows: first those of the tables map and layer, then those of tiles.
+class MapReader {
+ public:
+  explicit MapReader(std::string path) : path_(std::move(path)) {}
+
+  void TakeMapRow(const std::string& bytes) {
+    has_rows_ = true;
+    const auto record = RecordOf<store::MapRecord>(bytes);
+    if (record && OptionsOf(*record)) map_record_ = *record;
+  }
+
+  void TakeLayerRow(int64_t row, const std::string& bytes) {
+    has_rows_ = true;
+    const auto record = RecordOf<store::LayerRecord>(bytes);
+    if (!record) return Damage("the record of a layer cannot be read");
+    if (record->has_map() && OptionsOf(record->map())) map_copy_ = record->map();
+    records_.insert_or_assign(record->row() != 0 ? record->row() : row, *record);
+  }
+
+  void NoteTiles() { has_rows_ = true; }
+
+  // NotFound where there was no row; DataLoss where no record says what the map's options are.
+  absl::Status BeginTiles() {
+    if (!has_rows_) return NotFound("{} holds no map yet", path_);
+    if (!map_record_ && map_copy_) {
+      Damage("the record of the map cannot be read; its copy is used");
+      map_record_ = map_copy_;
     }
-    tally.Add(*key, revision);
-    if (const absl::StatusOr<Tile> tile = TileOfRow(rows, *key, limits); tile.ok()) {
-      layer.RestoreTile(*key, std::make_shared<const Tile>(*tile), revision);
+    if (!map_record_)
+      return DataLoss("{} is damaged: no record of its knot interval is left", path_);
+    map_ = std::make_unique<Map>(*OptionsOf(*map_record_));
+    for (const store::LayerRecord& copy : map_record_->layer()) {
+      if (records_.try_emplace(copy.row(), copy).second) {
+        Damage(fmt::format("the record of layer {} cannot be read; its copy is used",
+                           Shown(copy.name())));
+      }
+      AddLayer(copy.row(), records_.at(copy.row()));  // in the order of the map that was saved
+    }
+    for (const auto& [row, record] : records_) AddLayer(row, record);
+    return absl::OkStatus();
+  }
+
+  std::vector<int64_t> LayerRows() const {
+    std::vector<int64_t> rows;
+    for (const auto& [row, reading] : layers_) rows.push_back(row);
+    return rows;
+  }
+
+  void TakeTile(const TileRow& row) {
+    const auto found = layers_.find(row.layer);
+    if (found == layers_.end()) return;  // of a layer that is gone; WriteMap() deletes them
+    Reading& reading = found->second;
+    const std::optional<TileKey> key = KeyOf(row.tx, row.ty);
+    if (!key || row.revision == 0 || row.revision > reading.max_revision) {
+      DamageOf(reading,
+               fmt::format("tile ({}, {}) of revision {} cannot be", row.tx, row.ty, row.revision));
+      return;
+    }
+    reading.tally.Add(*key, row.revision);
+    if (const auto tile = TileOfRow(row, *key, map_->options().limits); tile.ok()) {
+      reading.layer->RestoreTile(*key, std::make_shared<const Tile>(*tile), row.revision);
     } else {
-      damages.push_back(ErrorText(tile.status()));
+      DamageOf(reading, ErrorText(tile.status()));
     }
   }
-  if (tally != TileTally{record.tiles(), record.tiles_digest()}) {
-    damages.push_back(
-        fmt::format("the tiles are not those that were saved: {} in place of {}, or "
-                    "other revisions",
-                    tally.tiles, record.tiles()));
+
+  LoadedMap Finish() {
+    for (const auto& [row, reading] : layers_) {
+      const store::LayerRecord& record = records_.at(row);
+      if (reading.tally == TileTally{record.tiles(), record.tiles_digest()}) continue;
+      DamageOf(reading, fmt::format("the tiles are not those that were saved: {} in place of {}, "
+                                    "or other revisions",
+                                    reading.tally.tiles, record.tiles()));
+    }
+    if (map_->layers().size() != map_record_->layers()) {
+      Damage(fmt::format("{} layers in place of {}", map_->layers().size(), map_record_->layers()));
+    }
+    if (map_record_->has_own_layer()) {
+      const LayerId own = FromRecord(map_record_->own_layer());
+      if (const absl::Status status = CheckLayerId(own); status.ok()) {
+        map_->SetOwnLayer(own);
+      } else {
+        Damage("the layer that goes on here cannot be: " + ErrorText(status));
+      }
+    }
+    LayerControls controls;
+    for (const store::ControlRecord& record : map_record_->controls()) {
+      const LayerId id = FromRecord(record.layer());
+      const LayerControl control = FromRecord(record);
+      if (CheckLayerId(id).ok() && control.IsValid() &&
+          (controls.Take(id, control) || controls.Of(id) == control)) {
+        continue;
+      }
+      Damage(fmt::format("a decision about layer {} cannot be", Shown(id.name)));
+    }
+    map_->SetControls(std::move(controls));
+    return {map_->Snapshot(), std::move(damages_), {}};
   }
-  return damages;
+
+ private:
+  struct Reading {
+    Layer* layer = nullptr;
+    uint64_t max_revision = 0;  // that a tile may have
+    TileTally tally;
+  };
+
+  void Damage(const std::string& damage) {
+    damages_.push_back(fmt::format("{}: {}", path_, damage));
+  }
+  void DamageOf(const Reading& reading, const std::string& damage) {
+    Damage(fmt::format("layer {}: {}", Shown(reading.layer->id().name), damage));
+  }
+
+  // What cannot be of a layer's record is as if it were not known: any start of its owner is newer
+  // then, and the commits are those of its tiles.
+  void AddLayer(int64_t row, const store::LayerRecord& record) {
+    if (layers_.contains(row)) return;
+    const LayerId id{record.name(), record.origin()};
+    const bool is_twice = std::any_of(map_->layers().begin(), map_->layers().end(),
+                                      [&](const Layer& layer) { return layer.id() == id; });
+    if (const absl::Status status = CheckLayerId(id); !status.ok() || is_twice) {
+      Damage(is_twice ? fmt::format("layer {} is there twice", Shown(id.name))
+                      : "a layer cannot be: " + ErrorText(status));
+      return;
+    }
+    LayerEpoch epoch{record.incarnation(), record.nonce()};
+    const absl::Status epoch_status = CheckEpoch(epoch);
+    if (!epoch_status.ok()) epoch = {};
+    const absl::Status revision_status = CheckRevision(record.revision());
+    Layer& layer = map_->AddLayer(id, epoch);
+    if (revision_status.ok()) layer.RestoreRevision(record.revision());
+    const Reading& reading =
+        layers_[row] = {&layer, revision_status.ok() ? record.revision() : kMaxRevision, {}};
+    for (const absl::Status& status : {epoch_status, revision_status}) {
+      if (!status.ok()) DamageOf(reading, ErrorText(status));
+    }
+  }
+
+  const std::string path_;
+  bool has_rows_ = false;
+  std::optional<store::MapRecord> map_record_;
+  std::optional<store::MapRecord> map_copy_;
+  std::map<int64_t, store::LayerRecord> records_;  // by the layer's id in the tables
+  std::unique_ptr<Map> map_;
+  std::map<int64_t, Reading> layers_;
+  std::vector<std::string> damages_;
+};
+
+store::MapRecord MapRecordOf(const MapSnapshot& map, size_t layers,
+                             std::vector<std::string>& left_out) {
+  store::MapRecord record;
+  record.set_knot_interval_m(map.options.knot_interval_m);
+  record.set_clamp_min(map.options.limits.min);
+  record.set_clamp_max(map.options.limits.max);
+  record.set_layers(static_cast<uint32_t>(layers));
+  if (map.own_layer && CheckLayerId(*map.own_layer).ok()) {
+    *record.mutable_own_layer() = ToRecord(*map.own_layer);
+  }
+  for (const auto& [id, control] : map.controls.records()) {
+    if (CheckLayerId(id).ok() && control.IsValid()) {
+      *record.add_controls() = ToRecord(id, control);
+    } else {
+      left_out.push_back(fmt::format("a decision about layer {} that cannot be", Shown(id.name)));
+    }
+  }
+  return record;
 }
 
-// Writes the record; returns the number of the layer's row.
-int64_t WriteLayer(const LayerSnapshot& layer, SQLite::Database& database) {
-  const TileTally tally = TallyOf(layer.tiles);
+store::LayerRecord LayerRecordOf(const LayerSnapshot& layer, int64_t row,
+                                 const std::set<TileKey>& left_out) {
+  TileTally tally;
+  layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    if (left_out.empty() || !left_out.contains(key)) tally.Add(key, entry.revision);
+  });
   store::LayerRecord record;
   record.set_name(layer.id.name);
   record.set_origin(layer.id.origin);
@@ -220,88 +391,134 @@ int64_t WriteLayer(const LayerSnapshot& layer, SQLite::Database& database) {
   record.set_saved_utime(HostUtime());
   record.set_tiles(tally.tiles);
   record.set_tiles_digest(tally.digest);
-  const std::string bytes = BytesOf(record);
-  SQLite::Statement put(database,
-                        "INSERT INTO layer (name, origin, record) VALUES (?, ?, ?) "
-                        "ON CONFLICT (name, origin) DO UPDATE SET record = excluded.record "
-                        "RETURNING id");
-  put.bind(1, layer.id.name);
-  put.bind(2, ToSql(layer.id.origin));
-  put.bind(3, bytes.data(), static_cast<int>(bytes.size()));
-  put.executeStep();
-  const int64_t id = put.getColumn(0).getInt64();
-  while (put.executeStep()) {
-  }
-  return id;
+  record.set_row(row);
+  return record;
 }
 
-void WriteTiles(const LayerSnapshot& layer, int64_t layer_row, uint64_t since,
-                SQLite::Database& database) {
+absl::Status CheckLayer(const MapSnapshot& map, const LayerSnapshot& layer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckLayerId(layer.id));
+  SPLINEMAP_RETURN_IF_ERROR(CheckEpoch(layer.epoch));
+  SPLINEMAP_RETURN_IF_ERROR(CheckRevision(layer.revision));
+  const auto first = std::find_if(map.layers.begin(), map.layers.end(),
+                                  [&](const LayerSnapshot& other) { return other.id == layer.id; });
+  if (&*first == &layer) return absl::OkStatus();
+  return InvalidArgument("it is there twice");
+}
+
+absl::Status CheckTileOf(const LayerSnapshot& layer, TileKey key, const TileTree::Entry& entry,
+                         ControlLimits limits) {
+  if (entry.revision == 0 || entry.revision > layer.revision) {
+    return InvalidArgument("tile ({}, {}) of commit {} of {}", key.tx, key.ty, entry.revision,
+                           layer.revision);
+  }
+  return CheckTile(key, *entry.tile, limits);
+}
+
+// Writes what changed since the tree's epoch `since`; `left_out` has the keys that cannot be.
+void WriteTiles(const LayerSnapshot& layer, int64_t layer_row, uint64_t since, ControlLimits limits,
+                SQLite::Database& database, std::set<TileKey>& left_out) {
   SQLite::Statement put(database,
-                        "INSERT OR REPLACE INTO tile (layer, tx, ty, revision, checksum, content) "
-                        "VALUES (?, ?, ?, ?, ?, ?)");
+                        "INSERT INTO tile (layer, tx, ty, revision, checksum, content) "
+                        "VALUES (?, ?, ?, ?, ?, ?) ON CONFLICT (layer, tx, ty) DO UPDATE SET "
+                        "revision = excluded.revision, checksum = excluded.checksum, "
+                        "content = excluded.content");
+  SQLite::Statement remove(database, "DELETE FROM tile WHERE layer = ? AND tx = ? AND ty = ?");
   put.bind(1, layer_row);
+  remove.bind(1, layer_row);
   layer.tiles.ForEachChanged(since, [&](TileKey key, const TileTree::Entry& entry) {
-    const TileUpdate update = MakeTileUpdate(key, *entry.tile, entry.revision);
-    put.bind(2, update.key.tx);
-    put.bind(3, update.key.ty);
-    put.bind(4, ToSql(update.revision));
-    put.bind(5, ToSql(update.checksum));
-    put.bind(6, update.content.data(), static_cast<int>(update.content.size()));
+    if (!CheckTileOf(layer, key, entry, limits).ok()) {
+      left_out.insert(key);
+      remove.bind(2, key.tx);
+      remove.bind(3, key.ty);
+      remove.exec();
+      remove.reset();
+      return;
+    }
+    left_out.erase(key);
+    const std::string content = EncodeTile(*entry.tile);
+    put.bind(2, key.tx);
+    put.bind(3, key.ty);
+    put.bind(4, ToSql(entry.revision));
+    put.bind(5, ToSql(ChecksumOfRow(TileChecksum(key, *entry.tile), layer_row, entry.revision)));
+    put.bind(6, content.data(), static_cast<int>(content.size()));
     put.exec();
     put.reset();
   });
 }
 
-// Deletes the tiles of layers that do not go on, and the rows of those that are not in the map.
-void DeleteOld(const MapSnapshot& map, const std::map<LayerId, uint64_t>& going_on,
-               SQLite::Database& database) {
-  std::vector<int64_t> begun_anew;
-  std::vector<int64_t> gone;
+void PutRecord(SQLite::Statement& put, int index, const std::string& bytes) {
+  put.bind(index, bytes.data(), static_cast<int>(bytes.size()));
+  put.exec();
+  put.reset();
+}
+
+// The ids of layers in the tables.
+std::map<LayerId, int64_t> RowsOfLayers(SQLite::Database& database) {
+  std::map<LayerId, int64_t> rows;
   SQLite::Statement layers(database, "SELECT id, name, origin FROM layer");
   while (layers.executeStep()) {
-    const LayerId id{layers.getColumn(1).getString(), FromSql(layers.getColumn(2).getInt64())};
-    if (going_on.contains(id)) continue;
-    const int64_t row = layers.getColumn(0).getInt64();
-    begun_anew.push_back(row);
-    if (std::none_of(map.layers.begin(), map.layers.end(),
-                     [&](const LayerSnapshot& layer) { return layer.id == id; })) {
-      gone.push_back(row);
-    }
+    rows[{layers.getColumn(1).getString(), FromSql(layers.getColumn(2).getInt64())}] =
+        layers.getColumn(0).getInt64();
   }
-  const auto run = [&](const char* sql, const std::vector<int64_t>& rows) {
-    SQLite::Statement statement(database, sql);
-    for (const int64_t row : rows) {
-      statement.bind(1, row);
-      statement.exec();
-      statement.reset();
-    }
-  };
-  run("DELETE FROM tile WHERE layer = ?", begun_anew);
-  run("DELETE FROM layer WHERE id = ?", gone);
+  return rows;
+}
+
+// The next id after `row`, which moves there, that no layer and no tile has.
+int64_t NextUnusedRow(int64_t& row, SQLite::Statement& in_use) {
+  bool is_used = true;
+  while (is_used) {
+    in_use.bind(1, ++row);
+    in_use.executeStep();
+    is_used = in_use.getColumn(0).getInt() != 0;
+    in_use.reset();
+  }
+  return row;
+}
+
+// Deletes tiles of layers that are not in `rows`, so many at a time that a save stays short. Nobody
+// reads them meanwhile, and no other layer gets their number.
+void DeleteSomeOld(const std::vector<int64_t>& rows, SQLite::Database& database) {
+  constexpr int64_t kMaxTiles = 4096;
+  SQLite::Statement next(database, "SELECT min(layer) FROM tile WHERE layer > ?");
+  SQLite::Statement remove(database,
+                           "DELETE FROM tile WHERE rowid IN "
+                           "(SELECT rowid FROM tile WHERE layer = ? LIMIT ?)");
+  int64_t row = std::numeric_limits<int64_t>::min();
+  int64_t left = kMaxTiles;
+  while (left > 0) {
+    next.bind(1, row);
+    if (!next.executeStep() || next.getColumn(0).isNull()) return;
+    row = next.getColumn(0).getInt64();
+    next.reset();
+    if (std::find(rows.begin(), rows.end(), row) != rows.end()) continue;
+    remove.bind(1, row);
+    remove.bind(2, left);
+    left -= remove.exec();
+    remove.reset();
+  }
 }
 
 }  // namespace
 
 bool SavedLayer::GoesOnAs(const LayerSnapshot& layer) const {
-  return layer.id == id && (tree_line == 0 || layer.tiles.line() == tree_line) &&
-         layer.tiles.size() >= num_tiles;
+  const bool is_same = tree_line == 0 ? layer.id == id : layer.tiles.line() == tree_line;
+  return is_same && layer.tiles.size() >= num_tiles;
 }
 
 std::vector<SavedLayer> SavedLayersOf(const MapSnapshot& map) {
   std::vector<SavedLayer> saved;
   for (const LayerSnapshot& layer : map.layers) {
-    saved.push_back({layer.id, layer.tiles.epoch(), layer.tiles.line(), layer.tiles.size()});
+    saved.push_back({layer.id, layer.tiles.epoch(), layer.tiles.line(), layer.tiles.size(), {}});
   }
   return saved;
 }
 
 bool IsUnused(SQLite::Database& database) {
-  return database.execAndGet("SELECT count(*) FROM sqlite_schema").getInt() == 0 &&
-         database.execAndGet("PRAGMA application_id").getInt() == 0;
+  return database.execAndGet("PRAGMA page_count").getInt() == 0;
 }
 
 void MakeSchema(SQLite::Database& database) {
+  database.exec("PRAGMA page_size = 4096");  // ForEachRowOfPages() relies on it
   SQLite::Transaction transaction(database);
   database.exec(kSchema);
   database.exec(fmt::format("PRAGMA application_id = {}", kApplicationId));
@@ -310,96 +527,149 @@ void MakeSchema(SQLite::Database& database) {
 }
 
 absl::Status CheckSchema(const std::string& path, SQLite::Database& database) {
-  if (database.execAndGet("PRAGMA application_id").getInt() != kApplicationId) {
+  SQLite::Database expected(":memory:", SQLite::OPEN_READWRITE);
+  MakeSchema(expected);
+  const std::vector<std::string> tables = Tables(database);
+  const std::vector<std::string> our_tables = Tables(expected);
+  const bool has_our_id = database.execAndGet("PRAGMA application_id").getInt() == kApplicationId;
+  const bool has_our_text = database.execAndGet("PRAGMA encoding").getString() == "UTF-8";
+  const bool is_ours = tables == our_tables;
+  if ((has_our_id && !has_our_text) || (!has_our_id && is_ours) ||
+      (has_our_id && !is_ours && IsLike(tables, our_tables))) {
+    return DataLoss("{} is damaged: its first page", path);
+  }
+  if (!has_our_id) {
     return InvalidArgument("{} is no map file: it is a database of another program", path);
   }
   const int version = database.execAndGet("PRAGMA user_version").getInt();
-  if (version != kSchemaVersion) {
+  if (version < kOldestSchemaVersion || version > kSchemaVersion) {
     return FailedPrecondition("{} has schema {} and was made by {} splinemap; this one knows {}",
                               path, version, version > kSchemaVersion ? "a newer" : "an older",
                               kSchemaVersion);
   }
-  SQLite::Database expected(":memory:", SQLite::OPEN_READWRITE);
-  MakeSchema(expected);
-  if (Tables(database) != Tables(expected)) {
+  if (!is_ours) {
     return InvalidArgument("{} is no map file: its tables are not those of a map", path);
   }
   return absl::OkStatus();
 }
 
-bool HasMap(SQLite::Database& database) {
-  return database.execAndGet("SELECT count(*) FROM map").getInt() > 0;
-}
-
 absl::StatusOr<LoadedMap> ReadMap(const std::string& path, SQLite::Database& database) {
+  MapReader reader(path);
   SQLite::Statement map_row(database, "SELECT record FROM map");
-  if (!map_row.executeStep()) return NotFound("{} holds no map yet", path);
-  const auto map_record = RecordOf<store::MapRecord>(map_row.getColumn(0).getString());
-  if (!map_record) return DataLoss("{} is damaged: its map record cannot be read", path);
-  const ControlLimits limits{static_cast<ControlPoint>(map_record->clamp_min()),
-                             static_cast<ControlPoint>(map_record->clamp_max())};
-  Map map({map_record->knot_interval_m(), limits});
-  LoadedMap loaded;
-  SQLite::Statement layers(database, "SELECT id, name, origin, record FROM layer ORDER BY id");
+  while (map_row.executeStep()) reader.TakeMapRow(map_row.getColumn(0).getString());
+  SQLite::Statement layers(database, "SELECT id, record FROM layer ORDER BY id");
   while (layers.executeStep()) {
-    const auto record = RecordOf<store::LayerRecord>(layers.getColumn(3).getString());
-    if (!record || record->name() != layers.getColumn(1).getString() ||
-        record->origin() != FromSql(layers.getColumn(2).getInt64())) {
-      return DataLoss("{} is damaged: the record of a layer cannot be read", path);
-    }
-    const LayerId id{record->name(), record->origin()};
-    if (std::any_of(map.layers().begin(), map.layers().end(),
-                    [&](const Layer& layer) { return layer.id() == id; })) {
-      return DataLoss("{} is damaged: layer {} is there twice", path, id.name);
-    }
-    Layer& layer = map.AddLayer(id, {record->incarnation(), record->nonce()});
-    layer.RestoreRevision(record->revision());
-    for (const std::string& damage :
-         ReadTiles(database, layers.getColumn(0).getInt64(), *record, limits, layer)) {
-      loaded.damages.push_back(fmt::format("{}: layer {}: {}", path, id.name, damage));
-    }
+    reader.TakeLayerRow(layers.getColumn(0).getInt64(), layers.getColumn(1).getString());
   }
-  if (map.layers().size() != map_record->layers()) {
-    loaded.damages.push_back(fmt::format("{}: {} layers in place of {}", path, map.layers().size(),
-                                         map_record->layers()));
+  if (database.execAndGet("SELECT EXISTS (SELECT 1 FROM tile)").getInt() != 0) reader.NoteTiles();
+  SPLINEMAP_RETURN_IF_ERROR(reader.BeginTiles());
+  SQLite::Statement tiles(database,
+                          "SELECT tx, ty, revision, checksum, content FROM tile WHERE layer = ?");
+  for (const int64_t row : reader.LayerRows()) {
+    tiles.bind(1, row);
+    while (tiles.executeStep()) {
+      reader.TakeTile({row, tiles.getColumn(0).getInt64(), tiles.getColumn(1).getInt64(),
+                       FromSql(tiles.getColumn(2).getInt64()),
+                       FromSql(tiles.getColumn(3).getInt64()), tiles.getColumn(4).getString()});
+    }
+    tiles.reset();
   }
-  if (map_record->has_own_layer()) map.SetOwnLayer(FromRecord(map_record->own_layer()));
-  LayerControls controls;
-  for (const store::ControlRecord& control : map_record->controls()) {
-    controls.Take(FromRecord(control.layer()), FromRecord(control));
-  }
-  map.SetControls(std::move(controls));
-  loaded.map = map.Snapshot();
-  return loaded;
+  return reader.Finish();
 }
 
-void WriteMap(const MapSnapshot& map, const std::vector<SavedLayer>& saved,
-              SQLite::Database& database) {
-  std::map<LayerId, uint64_t> written;  // layers that go on, and the epoch of the tree in the rows
+absl::StatusOr<LoadedMap> ReadMapOfPages(const std::string& path) {
+  MapReader reader(path);
+  SPLINEMAP_RETURN_IF_ERROR(
+      ForEachRowOfPages(path, [&](int64_t rowid, absl::Span<const PageColumn> columns) {
+        if (HasForm(columns, kTileForm)) reader.NoteTiles();
+        if (HasForm(columns, kMapForm)) reader.TakeMapRow(std::string(columns[1].bytes));
+        if (HasForm(columns, kLayerForm)) {
+          reader.TakeLayerRow(rowid, std::string(columns[3].bytes));
+        }
+      }));
+  SPLINEMAP_RETURN_IF_ERROR(reader.BeginTiles());
+  SPLINEMAP_RETURN_IF_ERROR(
+      ForEachRowOfPages(path, [&](int64_t, absl::Span<const PageColumn> columns) {
+        if (!HasForm(columns, kTileForm)) return;
+        reader.TakeTile({columns[0].integer, columns[1].integer, columns[2].integer,
+                         FromSql(columns[3].integer), FromSql(columns[4].integer),
+                         std::string(columns[5].bytes)});
+      }));
+  return reader.Finish();
+}
+
+bool PagesHoldMap(const std::string& path) {
+  bool holds_map = false;
+  const absl::Status read =
+      ForEachRowOfPages(path, [&](int64_t, absl::Span<const PageColumn> columns) {
+        const bool is_record = (HasForm(columns, kMapForm) &&
+                                RecordOf<store::MapRecord>(std::string(columns[1].bytes))) ||
+                               (HasForm(columns, kLayerForm) &&
+                                RecordOf<store::LayerRecord>(std::string(columns[3].bytes)));
+        holds_map = holds_map || is_record;
+      });
+  return read.ok() && holds_map;
+}
+
+Written WriteMap(const MapSnapshot& map, const std::vector<SavedLayer>& saved,
+                 SQLite::Database& database) {
+  Written written;
+  const std::map<LayerId, int64_t> known_rows = RowsOfLayers(database);
+  SQLite::Statement in_use(
+      database,
+      "SELECT EXISTS (SELECT 1 FROM layer WHERE id = ?1) OR EXISTS (SELECT 1 FROM tile WHERE "
+      "layer = ?1)");
+  int64_t last_row = 0;
+  std::vector<int64_t> rows;
+  std::vector<store::LayerRecord> records;
   for (const LayerSnapshot& layer : map.layers) {
-    for (const SavedLayer& known : saved) {
-      if (known.GoesOnAs(layer)) written.emplace(layer.id, known.tree_epoch);
+    if (const absl::Status status = CheckLayer(map, layer); !status.ok()) {
+      written.left_out.push_back(
+          fmt::format("layer {} that cannot be: {}", Shown(layer.id.name), ErrorText(status)));
+      continue;
     }
+    SavedLayer state{layer.id, layer.tiles.epoch(), layer.tiles.line(), layer.tiles.size(), {}};
+    uint64_t since = 0;
+    int64_t row = 0;
+    for (const SavedLayer& known : saved) {
+      const auto known_row = known_rows.find(known.id);
+      if (!known.GoesOnAs(layer) || known_row == known_rows.end()) continue;
+      row = known_row->second;
+      since = known.tree_epoch;
+      state.left_out = known.left_out;
+    }
+    if (row == 0) row = NextUnusedRow(last_row, in_use);
+    rows.push_back(row);
+    WriteTiles(layer, row, since, map.options.limits, database, state.left_out);
+    if (!state.left_out.empty()) {
+      const TileKey first = *state.left_out.begin();
+      written.left_out.push_back(
+          fmt::format("{} tiles of layer {} that cannot be, the first is tile ({}, {})",
+                      state.left_out.size(), Shown(layer.id.name), first.tx, first.ty));
+    }
+    records.push_back(LayerRecordOf(layer, row, state.left_out));
+    written.saved.push_back(std::move(state));
   }
-  DeleteOld(map, written, database);
-  store::MapRecord record;
-  record.set_knot_interval_m(map.options.knot_interval_m);
-  record.set_clamp_min(map.options.limits.min);
-  record.set_clamp_max(map.options.limits.max);
-  record.set_layers(static_cast<uint32_t>(map.layers.size()));
-  if (map.own_layer) *record.mutable_own_layer() = ToRecord(*map.own_layer);
-  for (const auto& [id, control] : map.controls.records()) {
-    *record.add_controls() = ToRecord(id, control);
+  DeleteSomeOld(rows, database);
+  store::MapRecord map_record = MapRecordOf(map, records.size(), written.left_out);
+  database.exec("DELETE FROM layer");
+  SQLite::Statement put_layer(database,
+                              "INSERT INTO layer (id, name, origin, record) VALUES (?, ?, ?, ?)");
+  for (const store::LayerRecord& record : records) {
+    if (map_record.ByteSizeLong() < kMaxCopiesBytes) *map_record.add_layer() = record;
   }
-  const std::string bytes = BytesOf(record);
   SQLite::Statement put_map(database, "INSERT OR REPLACE INTO map (id, record) VALUES (1, ?)");
-  put_map.bind(1, bytes.data(), static_cast<int>(bytes.size()));
-  put_map.exec();
-  for (const LayerSnapshot& layer : map.layers) {
-    const int64_t row = WriteLayer(layer, database);
-    const auto known = written.find(layer.id);
-    WriteTiles(layer, row, known == written.end() ? 0 : known->second, database);
+  PutRecord(put_map, 1, BytesOf(map_record));
+  map_record.clear_layer();
+  for (store::LayerRecord& record : records) {
+    if (&record == &records.front()) *record.mutable_map() = map_record;
+    put_layer.bind(1, record.row());
+    put_layer.bind(2, record.name());
+    put_layer.bind(3, ToSql(record.origin()));
+    PutRecord(put_layer, 4, BytesOf(record));
   }
+  database.exec(fmt::format("PRAGMA user_version = {}", kSchemaVersion));
+  return written;
 }
 
 }  // namespace splinemap

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -22,6 +23,7 @@ struct LoadedMap {
   std::shared_ptr<const MapSnapshot> map;
   // What was damaged and left out, a line each.
   std::vector<std::string> damages;
+  std::string kept_copy;  // of the damaged file, where MapFile::Load() made one
 };
 
 // A layer that the rows hold already, up to this state of its tiles.
@@ -30,8 +32,10 @@ struct SavedLayer {
   uint64_t tree_epoch = 0;
   uint64_t tree_line = 0;  // 0 where it was loaded, and somebody else goes on with it
   size_t num_tiles = 0;
+  std::set<TileKey> left_out;  // they cannot be
 
-  // Whether `layer` has all of its tiles, so that only changes are to be written.
+  // Whether `layer` has all of its tiles, so that only changes are to be written; it may have
+  // another name by now.
   bool GoesOnAs(const LayerSnapshot& layer) const;
 };
 std::vector<SavedLayer> SavedLayersOf(const MapSnapshot& map);
@@ -40,18 +44,32 @@ std::vector<SavedLayer> SavedLayersOf(const MapSnapshot& map);
 bool IsUnused(SQLite::Database& database);
 void MakeSchema(SQLite::Database& database);
 // Another program's database (InvalidArgument), another version (FailedPrecondition), or other
-// tables than MakeSchema() makes: what they are might run when they are read.
+// tables than MakeSchema() makes: what they are might run when they are read. DataLoss where that
+// looks like damage: the pages can be read then, which runs nothing.
 absl::Status CheckSchema(const std::string& path, SQLite::Database& database);
 
-bool HasMap(SQLite::Database& database);
-
-// NotFound where there is no map; DataLoss where the record of the map or of a layer is damaged.
+// What can be read of a map, and what cannot. A damaged record of the map or of a layer is replaced
+// by its copy, if the file has one; of a record that cannot be true only what cannot be is left
+// out. NotFound where there is no map; DataLoss where nothing says what its options are.
 absl::StatusOr<LoadedMap> ReadMap(const std::string& path, SQLite::Database& database);
+// The same from the pages of the file, for a database that is damaged. Reads the file that SQLite
+// may have open, and so ends its locks.
+absl::StatusOr<LoadedMap> ReadMapOfPages(const std::string& path);
+
+// Whether the pages of a file hold an intact record of a map or a layer.
+bool PagesHoldMap(const std::string& path);
+
+struct Written {
+  std::vector<SavedLayer> saved;
+  std::vector<std::string> left_out;  // what cannot be true, a line each
+};
 
 // Writes the layers of `saved` that go on as far as they changed and all others whole; of layers
-// that do not go on, and of those that are not in `saved`, what the database held is gone. Requires
-// a transaction.
-void WriteMap(const MapSnapshot& map, const std::vector<SavedLayer>& saved,
-              SQLite::Database& database);
+// that do not go on, and of those that are not in `saved`, nothing that the database held is read
+// any more, and some thousand rows are deleted with each call. What
+// validity.h and LayerControl::IsValid() refuse is left out. Requires options that can be, and a
+// transaction.
+Written WriteMap(const MapSnapshot& map, const std::vector<SavedLayer>& saved,
+                 SQLite::Database& database);
 
 }  // namespace splinemap

@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <utility>
 
 #include "absl/strings/escaping.h"
@@ -44,6 +45,16 @@ std::vector<LayerSnapshot>::iterator OwnLayerOf(MapSnapshot& map, const std::str
   return std::find_if(map.layers.begin(), map.layers.end(), [&](const LayerSnapshot& layer) {
     return layer.id.name == name && (!map.own_layer || layer.id == *map.own_layer);
   });
+}
+
+// Beyond half of what may be said somebody else has counted, and may go on.
+bool HasRoomToCount(uint64_t incarnation, uint64_t revision) {
+  return incarnation <= LayerEpoch::kMaxIncarnation / 2 && revision <= kMaxRevision / 2;
+}
+
+void Renumber(const TileTree& tiles, Layer& layer) {
+  tiles.ForEach(
+      [&](TileKey key, const TileTree::Entry& entry) { layer.RestoreTile(key, entry.tile, 1); });
 }
 
 }  // namespace
@@ -165,11 +176,10 @@ absl::StatusOr<MapSnapshot> Daemon::LoadMap(const std::string& name) {
   MutexLock lock(file_mutex_);
   MapSnapshot map;
   map.options = MapOptionsOf(config_.method());
-  SPLINEMAP_ASSIGN_OR_RETURN(const bool is_empty, file_.IsEmpty());
-  if (!is_empty) {
-    SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, file_.Load());
-    ReportDamages(loaded.damages);
-    map = *loaded.map;
+  if (const absl::StatusOr<LoadedMap> loaded = file_.Load(); !absl::IsNotFound(loaded.status())) {
+    SPLINEMAP_RETURN_IF_ERROR(loaded.status());
+    ReportDamages(*loaded);
+    map = *loaded->map;
     SPLINEMAP_RETURN_IF_ERROR(CheckMethod(config_.method(), map.options, MapPath(config_)));
     config_.mutable_method()->set_knot_interval_m(map.options.knot_interval_m);
     SPLINEMAP_RETURN_IF_ERROR(CheckConfig(config_));
@@ -184,20 +194,35 @@ absl::StatusOr<MapSnapshot> Daemon::LoadMap(const std::string& name) {
   // A start takes the next incarnation, so that nothing of an earlier life is taken for new.
   const LayerEpoch epoch{own->epoch.incarnation + 1, RandomId()};
   const LayerControl& control = map.controls.Of(own->id);
-  if (control.IsRemoved(epoch) && config_.service().remote_commands()) {
-    map_->AddLayer(own->id, {control.removed_up_to + 1, RandomId()});
+  const bool is_removed = control.IsRemoved(epoch) && config_.service().remote_commands();
+  const uint64_t incarnation = is_removed ? control.removed_up_to + 1 : epoch.incarnation;
+  if (HasRoomToCount(incarnation, own->revision)) {
+    if (is_removed) {
+      map_->AddLayer(own->id, {incarnation, epoch.nonce});
+    } else {
+      map_->ContinueLayer(*own, epoch);
+    }
   } else {
-    map_->ContinueLayer(*own, epoch);
+    Layer& fresh = map_->AddLayer({name, RandomId()}, {1, epoch.nonce});
+    if (!is_removed) Renumber(own->tiles, fresh);
+    Report(
+        {.subject = "identity",
+         .text = fmt::format("start {} and commit {} of {} leave no room to count on, so that "
+                             "it goes on as another layer, origin {:016x}; who has that of "
+                             "origin {:016x}, too, sums both: splinemap control removes it",
+                             incarnation, own->revision, name, fresh.id().origin, own->id.origin)});
   }
   map.layers.erase(own);
   return map;
 }
 
-void Daemon::ReportDamages(const std::vector<std::string>& damages) {
+void Daemon::ReportDamages(const LoadedMap& loaded) {
+  const std::vector<std::string>& damages = loaded.damages;
   if (damages.empty()) return;
   constexpr size_t kMaxLines = 5;
-  std::string text = fmt::format("{}: {} damages, of which the next save leaves nothing",
-                                 MapPath(config_), damages.size());
+  std::string text =
+      fmt::format("{}: {} damages, of which the next save leaves nothing; the file is kept as {}",
+                  MapPath(config_), damages.size(), loaded.kept_copy);
   for (size_t k = 0; k < std::min(damages.size(), kMaxLines); ++k) text += "; " + damages[k];
   Report({.subject = "damage", .text = absl::Utf8SafeCHexEscape(text)});
 }
@@ -319,11 +344,46 @@ void Daemon::SaveNow() {
   }
 }
 
+absl::Status Daemon::SaveFile(const MapSnapshot& map) {
+  const absl::StatusOr<std::vector<std::string>> problems = file_.Save(map);
+  if (!problems.ok() && !file_.IsThere()) return SaveElsewhere(map, problems.status());
+  SPLINEMAP_RETURN_IF_ERROR(problems.status());
+  if (problems->empty()) return absl::OkStatus();
+  Report({.subject = "left out",
+          .text = fmt::format(
+              "saved to {}, but: {}{}", MapPath(config_), problems->front(),
+              problems->size() == 1 ? "" : fmt::format("; and {} more", problems->size() - 1))});
+  return absl::OkStatus();
+}
+
+// Where it was, where nothing stands there now; else beside it; else in the temporary folder.
+absl::Status Daemon::SaveElsewhere(const MapSnapshot& map, const absl::Status& why) {
+  const std::filesystem::path path = MapPath(config_);
+  const std::string rescue =
+      fmt::format("{}.rescue-{:08x}.splinemap", path.stem().string(), RandomId() & 0xffffffff);
+  std::vector<std::filesystem::path> places{path, path.parent_path() / rescue};
+  std::error_code error;
+  const std::filesystem::path temporary = std::filesystem::temp_directory_path(error);
+  if (!error) places.push_back(temporary / rescue);
+  for (const std::filesystem::path& place : places) {
+    if (!file_.SaveElsewhere(place.string(), map).ok()) continue;
+    Report(
+        {.subject = "rescue",
+         .text = fmt::format("{}; the map is in {} from now on", ErrorText(why), place.string())});
+    return absl::OkStatus();
+  }
+  return why;
+}
+
 absl::Status Daemon::Save() {
   MutexLock file_lock(file_mutex_);
   const std::shared_ptr<const MapSnapshot> map = sum_->Snapshot();
-  if (saved_.lock() == map) return absl::OkStatus();
-  SPLINEMAP_RETURN_IF_ERROR(file_.Save(*map));
+  if (saved_.lock() == map && file_.IsThere()) return absl::OkStatus();
+  if (const absl::Status saved = SaveFile(*map); !saved.ok()) {
+    MutexLock lock(mutex_);
+    if (!file_.IsThere()) state_.saved_revision.reset();
+    return saved;
+  }
   saved_ = map;
   MutexLock lock(mutex_);
   state_.saved_revision = map->layers.front().revision;
@@ -342,7 +402,12 @@ absl::Status Daemon::Stop() {
   }
   queries_.reset();
   keeper_.reset();
-  if (const absl::Status saved = Save(); !saved.ok()) {
+  absl::Status saved = Save();
+  if (!saved.ok()) {
+    MutexLock lock(file_mutex_);
+    saved = SaveElsewhere(*sum_->Snapshot(), saved);
+  }
+  if (!saved.ok()) {
     const status_t status = Status();
     return Unavailable("{}; the last {} of {} commits to the map are lost", ErrorText(saved),
                        status.revision - status.saved_revision, status.revision);
@@ -351,6 +416,10 @@ absl::Status Daemon::Stop() {
   {
     MutexLock lock(file_mutex_);
     SPLINEMAP_RETURN_IF_ERROR(file_.Close());
+    if (file_.path() != MapPath(config_)) {
+      return Unavailable("{} could not be written; the map is in {}, with all commits",
+                         MapPath(config_), file_.path());
+    }
   }
   PublishStatus();
   const status_t status = Status();

@@ -105,7 +105,7 @@ class Daemon {
   void MapOne(const IngestedMessage& message);
   void ShowState();
   void Report(const Notice& notice);
-  void ReportDamages(const std::vector<std::string>& damages);
+  void ReportDamages(const LoadedMap& loaded);
   // A symptom that the daemon sees beside the mapper.
   void Find(Symptom symptom, const std::string& subject, std::string text, int64_t times = 1);
   void LookAround();
@@ -114,6 +114,11 @@ class Daemon {
   void LookAtLayers();
   void SaveNowAndThen(const std::stop_token& stop);
   absl::Status Save();
+  // What the file leaves out is reported. Where the file is not there any more, it is made anew, or
+  // the map goes on in a rescue file.
+  absl::Status SaveFile(const MapSnapshot& map) ABSL_EXCLUSIVE_LOCKS_REQUIRED(file_mutex_);
+  absl::Status SaveElsewhere(const MapSnapshot& map, const absl::Status& why)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(file_mutex_);
   int64_t DroppedByOverload() const;
   status_t Status();
   layers_t Layers();

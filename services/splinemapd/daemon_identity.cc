@@ -127,7 +127,7 @@ absl::Status Daemon::BeginLife(const LayerLife& life, bool is_empty) {
     own.tiles = {};
     ++own.revision;
   }
-  SPLINEMAP_RETURN_IF_ERROR(file_.Save(map));
+  SPLINEMAP_RETURN_IF_ERROR(SaveFile(map));
   {
     const LayerLife former = OwnLife();
     MutexLock state_lock(mutex_);

@@ -12,18 +12,20 @@
 namespace splinemap {
 namespace {
 
-// A file that is removed with what stands beside it. In memory where the system has such a folder.
+// A file in a folder that is removed with all that comes to stand in it. In memory where the system
+// has such a folder.
 class ScratchFile {
  public:
-  ScratchFile() : path_((Folder() / ("fuzz_map_" + std::to_string(getpid()))).string()) {}
+  ScratchFile() : folder_(Folder() / ("fuzz_map_" + std::to_string(getpid()))) {}
   ~ScratchFile() { Remove(); }
 
   void Set(absl::Span<const uint8_t> content) {
     Remove();
-    std::ofstream(path_, std::ios::binary)
+    std::filesystem::create_directory(folder_);
+    std::ofstream(path(), std::ios::binary)
         .write(reinterpret_cast<const char*>(content.data()), std::ssize(content));
   }
-  const std::string& path() const { return path_; }
+  std::string path() const { return (folder_ / "map").string(); }
 
  private:
   static std::filesystem::path Folder() {
@@ -31,13 +33,11 @@ class ScratchFile {
                                                : std::filesystem::temp_directory_path();
   }
   void Remove() {
-    for (const char* suffix : {"", "-wal", "-shm", "-journal"}) {
-      std::error_code ignored;
-      std::filesystem::remove(path_ + suffix, ignored);
-    }
+    std::error_code ignored;
+    std::filesystem::remove_all(folder_, ignored);
   }
 
-  std::string path_;
+  std::filesystem::path folder_;
 };
 
 void Run(FuzzInput input) {

@@ -68,7 +68,8 @@ class Rows {
     record.set_name(Name(input));
     record.set_origin(input.Byte() % 4);
     record.set_revision(input.Byte() != 0 ? 100 : input.Take<uint64_t>());
-    record.set_incarnation(input.Byte());
+    record.set_incarnation(input.Byte() != 0 ? 1 : input.Take<uint64_t>());
+    record.set_row(input.Byte() % 8);
     record.set_tiles(input.Byte() % 8);
     return Sealed(record);
   }
@@ -150,7 +151,8 @@ void Run(FuzzInput input) {
   const absl::StatusOr<LoadedMap> loaded = ReadMap("fuzz", rows.database());
   if (!loaded.ok()) return;
   loaded->map->Evaluate(0.1, 0.1);
-  WriteMap(*loaded->map, {}, rows.database());
+  const Written written = WriteMap(*loaded->map, {}, rows.database());
+  Require(written.left_out.empty(), "what was read can be written");
   const absl::StatusOr<LoadedMap> again = ReadMap("fuzz", rows.database());
   Require(again.ok(), "a map that was read can be written and read");
   Require(again->damages.empty(), "a save mends a damaged map");

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 #include <numbers>
 #include <thread>
 
@@ -171,8 +172,9 @@ TEST_F(DaemonTest, AnotherNameIsAnotherLayerOfTheFile) {
   daemon_.reset();
   const auto after = SavedMap();
   ASSERT_EQ(after->layers.size(), 2u);
-  EXPECT_EQ(after->layers[0].revision, before->layers[0].revision);
-  EXPECT_EQ(after->layers[1].id.name, "other");
+  EXPECT_EQ(after->layers[0].id.name, "other");  // the daemon's own comes first
+  EXPECT_EQ(after->layers[1].id, before->layers[0].id);
+  EXPECT_EQ(after->layers[1].revision, before->layers[0].revision);
 }
 
 TEST_F(DaemonTest, AMapOfAnotherKnotIntervalIsRefusedInWords) {
@@ -213,6 +215,106 @@ TEST_F(DaemonTest, WithoutRemoteCommandsNoDecisionIsTakenFromTheBus) {
   Start();
   EXPECT_EQ(AwaitStatus([](const status_t&) { return true; }).tiles, tiles);
   EXPECT_TRUE(SavedMap()->controls.records().empty());
+}
+
+TEST_F(DaemonTest, ALayerWithoutRoomToCountOnGoesOnAsAnotherFromTheBeginning) {
+  for (const auto& [incarnation, revision] : {std::pair{LayerEpoch::kMaxIncarnation, uint64_t{5}},
+                                              std::pair{uint64_t{1}, kMaxRevision}}) {
+    std::filesystem::remove(config_.map());
+    Map map({});
+    Layer& layer = map.AddLayer({"robot", 7}, {incarnation, 1});
+    layer.RestoreRevision(revision - 1);
+    layer.BeginCommit();
+    for (int k = 0; k < 20; ++k) layer.EditTile({k, 50}).control_points.fill(300);
+    ASSERT_TRUE(MapFile::Open(config_.map())->Save(*map.Snapshot()).ok());
+    Start();
+    Drive(20);
+    ASSERT_TRUE(daemon_->Stop().ok());
+    const auto saved = SavedMap();
+    ASSERT_EQ(saved->layers.size(), 1u);
+    EXPECT_NE(saved->layers[0].id.origin, 7u);
+    EXPECT_EQ(saved->layers[0].id, saved->own_layer);
+    EXPECT_EQ(saved->layers[0].epoch.incarnation, 1u);
+    EXPECT_EQ(saved->layers[0].revision, 21u);
+    EXPECT_EQ(saved->layers[0].tiles.RevisionOf({3, 50}), 1u);
+    EXPECT_EQ(*saved->merged.Find({3, 50}), *map.Snapshot()->merged.Find({3, 50}));
+    daemon_.reset();
+  }
+}
+
+TEST_F(DaemonTest, ADamagedMapIsContinuedAndTheFileAsItWasIsKept) {
+  Start();
+  Drive(30);
+  ASSERT_TRUE(daemon_->Stop().ok());
+  daemon_.reset();
+  const auto before = SavedMap();
+  {
+    std::fstream file(config_.map(), std::ios::in | std::ios::out | std::ios::binary);
+    file << std::string(4096, '\xff');  // the page without which it is no database
+  }
+  Start();
+  const status_t status = AwaitStatus([](const status_t&) { return true; });
+  EXPECT_NE(status.last_problem.find(".damaged"), std::string::npos) << status.last_problem;
+  EXPECT_EQ(status.tiles, static_cast<int64_t>(before->merged.size()));
+  ASSERT_TRUE(daemon_->Stop().ok());
+  EXPECT_EQ(SavedMap()->layers[0].id, before->layers[0].id);
+  EXPECT_EQ(SavedMap()->layers[0].epoch.incarnation, 2u);
+  EXPECT_EQ(directory_.CountFiles(), 2);
+}
+
+TEST_F(DaemonTest, AMapThatIsRemovedIsMadeAnew) {
+  Start();
+  Drive(20);
+  AwaitStatus([](const status_t& s) { return s.saved_revision == 20; });
+  std::filesystem::remove(config_.map());
+  EXPECT_TRUE(daemon_->Stop().ok());
+  EXPECT_EQ(SavedMap()->layers[0].revision, 20u);
+}
+
+TEST_F(DaemonTest, AMapThatIsReplacedGoesOnInARescueFileAndTheOtherStays) {
+  Start();
+  Drive(20);
+  AwaitStatus([](const status_t& s) { return s.saved_revision == 20; });
+  std::filesystem::remove(config_.map());
+  std::ofstream(config_.map()) << "of somebody else";
+  Drive(20, 10'000);
+  const status_t status = AwaitStatus([](const status_t& s) { return s.saved_revision == 40; });
+  EXPECT_NE(status.last_problem.find(".rescue-"), std::string::npos) << status.last_problem;
+  Drive(20, 20'000);
+  AwaitStatus([](const status_t& s) { return s.saved_revision == 60; });
+  const std::string end(daemon_->Stop().message());
+  const size_t begin = end.find("the map is in ") + 14;
+  const auto rescued = ReadMapFile(end.substr(begin, end.find(',', begin) - begin));
+  ASSERT_TRUE(rescued.ok()) << end;
+  EXPECT_EQ(rescued->map->layers[0].revision, 60u);
+  std::ifstream other(config_.map());
+  EXPECT_EQ(std::string(std::istreambuf_iterator<char>(other), {}), "of somebody else");
+}
+
+TEST_F(DaemonTest, AMapWhoseFolderIsGoneGoesOnInTheTemporaryFolder) {
+  const TemporaryDirectory temporary;
+  setenv("TMPDIR", temporary.path().c_str(), 1);
+  const std::string folder = directory_.File("folder");
+  std::filesystem::create_directory(folder);
+  config_.set_map(folder + "/robot.splinemap");
+  Start();
+  Drive(20);
+  AwaitStatus([](const status_t& s) { return s.saved_revision == 20; });
+  std::filesystem::remove_all(folder);
+  const std::string end(daemon_->Stop().message());
+  EXPECT_NE(end.find("the map is in " + temporary.path()), std::string::npos) << end;
+  EXPECT_EQ(temporary.CountFiles(), 1);
+  daemon_.reset();
+
+  std::filesystem::create_directory(folder);
+  setenv("TMPDIR", "/nowhere", 1);
+  Start();
+  Drive(20);
+  AwaitStatus([](const status_t& s) { return s.saved_revision == 20; });
+  std::filesystem::remove_all(folder);
+  const std::string lost(daemon_->Stop().message());
+  EXPECT_NE(lost.find("the last 20 of 20 commits"), std::string::npos) << lost;
+  unsetenv("TMPDIR");
 }
 
 TEST_F(DaemonTest, ErrorsAtTheStartAreReturned) {

@@ -104,16 +104,36 @@ expect_text "the tiles are not those that were saved" err
 cp office.splinemap record.splinemap
 sqlite3 record.splinemap "UPDATE map SET record = zeroblob(length(record))"
 expect 1 splinemap info record.splinemap
-expect_text "its map record cannot be read" err
+expect_text "the record of the map cannot be read; its copy is used" err
+cp office.splinemap options.splinemap
+sqlite3 options.splinemap "DELETE FROM map; DELETE FROM layer"
+expect 1 splinemap info options.splinemap
+expect_text "no record of its knot interval is left" err
+expect 1 splinemapd --map options.splinemap --scan LASER --pose POSE --name robot
+expect_text "no record of its knot interval is left" err
 head -c 40000 office.splinemap > cut_map.splinemap
 cp office.splinemap page.splinemap
 overwrite page.splinemap 40960 4096
-for file in record cut_map page; do
+cp office.splinemap first_page.splinemap
+overwrite first_page.splinemap 0 4096
+for file in record cut_map page first_page; do
   expect 1 splinemap render "$file.splinemap" "$file.png"
-  expect_text "$file.splinemap is damaged" err
-  expect 1 splinemapd --map "$file.splinemap" --scan LASER --pose POSE
-  expect_text "$file.splinemap is damaged" err
+  expect_text "$file.splinemap" err
+  [[ -s $file.png ]] || fail "no picture of what is left of $file"
+  expect 1 splinemap merge "$file.splinemap" -o merged.splinemap
+  expect_text "$file.splinemap is damaged, so that nothing is written" err
+  [[ ! -e merged.splinemap ]] || fail "a damaged map was merged"
+  expect 1 splinemap merge --damaged "$file.splinemap" -o merged.splinemap
+  expect_text "$file.splinemap" err
+  expect 0 splinemap info merged.splinemap
+  rm merged.splinemap
+  expect 0 timeout --preserve-status 2 \
+    splinemapd --map "$file.splinemap" --scan LASER --pose POSE --name robot
+  expect_text "the file is kept as $file.splinemap" err
+  expect 0 splinemap info "$file.splinemap"
+  expect 1 splinemap info "$file".splinemap.*.damaged
 done
+expect 0 splinemap diff first_page.splinemap office.splinemap
 
 # --- two daemons on one map
 listen=(--scan LASER --pose POSE --name robot)
@@ -127,6 +147,54 @@ cp shared.splinemap copy_in_use.splinemap
 kill "$daemon"
 wait "$daemon" || fail "the first daemon: $(cat daemon.log)"
 expect 0 splinemap diff shared.splinemap office.splinemap
+
+# --- backups of a map that a daemon goes on saving
+printf 'service { save_interval_s: 0.1 }\n' > often.textproto
+splinemapd --config often.textproto --map live.splinemap "${listen[@]}" 2> daemon.log &
+daemon=$!
+await splinemap watch --once --timeout 2
+lcm-logplayer -s 5 office.lcmlog > /dev/null &
+player=$!
+for k in {1..20}; do
+  expect 0 splinemap backup live.splinemap backup_$k.splinemap
+  expect 0 splinemap info backup_$k.splinemap
+done
+wait "$player"
+kill "$daemon"
+wait "$daemon" || fail "the daemon that was copied: $(cat daemon.log)"
+expect 2 splinemap backup live.splinemap backup_1.splinemap
+expect_text "--force replaces it" err
+expect 0 splinemap backup live.splinemap backup_1.splinemap --force
+expect 0 splinemap diff live.splinemap backup_1.splinemap
+expect 1 splinemap backup tile.splinemap backup_tile.splinemap
+expect_text "is damaged, so that nothing is written" err
+
+# --- killed commands: the next one removes what they left
+mkdir killed
+for k in {1..10}; do
+  splinemap build office.lcmlog --out killed/x.splinemap 2> /dev/null &
+  command=$!
+  sleep "0.$k"
+  kill -9 "$command" 2> /dev/null || true
+  wait "$command" 2> /dev/null || true
+  rm -f killed/x.splinemap
+done
+splinemap simulate killed/y.lcmlog 2> /dev/null &
+command=$!
+until compgen -G 'killed/y.lcmlog.*.part' > /dev/null; do sleep 0.01; done
+kill -9 "$command"
+wait "$command" 2> /dev/null || true
+compgen -G 'killed/y.lcmlog.*.part' > /dev/null || fail "nothing was left to be removed"
+expect 0 splinemap build office.lcmlog --out killed/x.splinemap
+expect 0 splinemap simulate killed/y.lcmlog
+[[ $(cd killed && echo *) == "x.splinemap y.lcmlog" ]] || fail "left behind: $(ls killed)"
+rm killed/y.lcmlog
+splinemap simulate killed/y.lcmlog 2> /dev/null &
+command=$!
+until compgen -G 'killed/y.lcmlog.*.part' > /dev/null; do sleep 0.01; done
+kill -TERM "$command"
+wait "$command" && fail "a command that was ended is not done"
+[[ $(cd killed && echo *) == x.splinemap ]] || fail "left behind: $(ls killed)"
 
 if [[ $mounts == no_mounts ]]; then
   echo "files: full and read-only disks skipped, no file system can be mounted here"
@@ -176,7 +244,9 @@ expect 0 splinemap diff full/live.splinemap office.splinemap
 
 # --- a daemon that ends while the disk is full
 rm full/*
-splinemapd --config often.textproto --map full/live.splinemap "${listen[@]}" 2> daemon.log &
+mkdir temporary
+TMPDIR=$PWD/temporary \
+  splinemapd --config often.textproto --map full/live.splinemap "${listen[@]}" 2> daemon.log &
 daemon=$!
 await has '.saved_revision == .revision'
 fill
@@ -187,6 +257,8 @@ kill "$daemon"
 wait "$daemon" && fail "not all was saved, and yet the exit status is 0"
 expect_text_in_log() { grep -q "$1" daemon.log || fail "no '$1' in: $(cat daemon.log)"; }
 expect_text_in_log "full/live.splinemap: the disk is full"
+expect_text_in_log "the map is in $PWD/temporary/live.rescue-.*.splinemap, with all commits"
+expect 0 splinemap info temporary/live.rescue-*.splinemap
 rm full/ballast
 expect 0 splinemap info full/live.splinemap  # the last save, whole
 

@@ -37,7 +37,7 @@ void Print(const FollowedLayer& layer, int64_t bytes_received) {
 
 absl::Status Save(const MapSnapshot& map, const std::string& out) {
   SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(out));
-  SPLINEMAP_RETURN_IF_ERROR(file.Save(map));
+  SPLINEMAP_RETURN_IF_ERROR(file.Save(map).status());
   return file.Close();
 }
 

@@ -25,7 +25,7 @@ absl::Status Decide(const std::string& path, const std::string& name,
     if (words.size() == 2) control.shift = {std::stoi(words[0]), std::stoi(words[1])};
     map.controls.Take(layer.id, control);
   }
-  SPLINEMAP_RETURN_IF_ERROR(file.Save(map));
+  SPLINEMAP_RETURN_IF_ERROR(file.Save(map).status());
   return file.Close();
 }
 

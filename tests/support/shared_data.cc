@@ -10,4 +10,8 @@ std::optional<std::string> SharedData(const std::string& name) {
   return path;
 }
 
+std::string TestData(const std::string& name) {
+  return std::string(SPLINEMAP_TEST_DATA) + "/" + name;
+}
+
 }  // namespace splinemap

@@ -9,4 +9,7 @@ namespace splinemap {
 // where it is not there, and then a test skips.
 std::optional<std::string> SharedData(const std::string& name);
 
+// Path of a file in tests/data.
+std::string TestData(const std::string& name);
+
 }  // namespace splinemap

@@ -4,58 +4,24 @@
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include <xxhash.h>
 
+#include <cmath>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
-#include <map>
 #include <random>
 
 #include "lib/base/status.h"
 #include "lib/map/tile_update.h"
+#include "lib/store/records.pb.h"
+#include "tests/support/map_file_fixture.h"
 #include "tests/support/random_map.h"
-#include "tests/support/temporary_directory.h"
+#include "tests/support/shared_data.h"
 
 namespace splinemap {
 namespace {
-
-using Content = std::map<std::pair<int, int>, std::pair<Tile, uint64_t>>;
-
-Content ContentOf(const TileTree& tree) {
-  Content content;
-  tree.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    content[{key.tx, key.ty}] = {*entry.tile, entry.revision};
-  });
-  return content;
-}
-
-class MapFileTest : public testing::Test {
- protected:
-  // One commit on a few tiles, each set to `value` throughout.
-  static void Commit(Layer& layer, ControlPoint value) {
-    layer.BeginCommit();
-    for (int k = -3; k < 4; ++k) layer.EditTile({k, value % 3}).control_points.fill(value);
-  }
-
-  static void ExpectEqual(const MapSnapshot& a, const MapSnapshot& b) {
-    EXPECT_EQ(a.options, b.options);
-    EXPECT_EQ(a.controls, b.controls);
-    EXPECT_EQ(a.own_layer, b.own_layer);
-    EXPECT_EQ(ContentOf(a.merged), ContentOf(b.merged));
-    ASSERT_EQ(a.layers.size(), b.layers.size());
-    for (size_t k = 0; k < a.layers.size(); ++k) {
-      EXPECT_EQ(a.layers[k].id, b.layers[k].id);
-      EXPECT_EQ(a.layers[k].epoch, b.layers[k].epoch);
-      EXPECT_EQ(a.layers[k].revision, b.layers[k].revision);
-      EXPECT_EQ(ContentOf(a.layers[k].tiles), ContentOf(b.layers[k].tiles));
-    }
-  }
-
-  TemporaryDirectory directory_;
-  std::string path_ = directory_.File("map.splinemap");
-  Map map_{{0.1, {-2560, 5120}}};
-};
 
 TEST_F(MapFileTest, OfALayerThatBeganAnewNothingOldIsLeft) {
   Layer& layer = map_.AddLayer({"robot", 1}, {1, 7});
@@ -83,7 +49,6 @@ TEST_F(MapFileTest, LoadsWhatWasSaved) {
   {
     auto file = MapFile::Open(path_);
     ASSERT_TRUE(file.ok()) << file.status();
-    EXPECT_TRUE(*file->IsEmpty());
     EXPECT_TRUE(absl::IsNotFound(file->Load().status()));
     ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
   }
@@ -237,8 +202,8 @@ TEST_F(MapFileTest, AFailedSaveLeavesTheFileAndIsMadeUpForLater) {
     SQLite::Database other(path_, SQLite::OPEN_READWRITE);
     other.exec(
         "CREATE TRIGGER full BEFORE INSERT ON tile BEGIN SELECT RAISE(FAIL, 'disk full'); END");
-    const absl::Status status = file->Save(*map_.Snapshot());
-    EXPECT_NE(std::string(status.message()).find("disk full"), std::string::npos) << status;
+    const absl::Status status = file->Save(*map_.Snapshot()).status();
+    EXPECT_NE(ErrorText(status).find("disk full"), std::string::npos) << status;
     other.exec("DROP TRIGGER full");
   }
   ExpectEqual(*ReadMapFile(path_)->map, *before->map);
@@ -300,97 +265,11 @@ TEST_F(MapFileTest, TheNextSaveMendsADamagedMap) {
   const auto again = ReadMapFile(path_);
   EXPECT_TRUE(again->damages.empty());
   ExpectEqual(*again->map, *loaded->map);
-}
-
-class DamagedMapFileTest : public MapFileTest {
- protected:
-  // A map of two layers, saved in several steps.
-  DamagedMapFileTest() {
-    std::mt19937_64 random(3);
-    Layer& a = map_.AddLayer({"robot a", 1}, {1, 1});
-    Layer& b = map_.AddLayer({"robot b", 2}, {1, 1});
-    auto file = MapFile::Open(path_);
-    for (int n = 0; n < 5; ++n) {
-      for (Layer* layer : {&a, &b}) {
-        layer->BeginCommit();
-        for (int k = 0; k < 5; ++k) {
-          layer->EditTile(RandomKey(random, 6)) = RandomTile(random, map_.options().limits);
-        }
-      }
-      EXPECT_TRUE(file->Save(*map_.Snapshot()).ok());
-    }
-    EXPECT_TRUE(file->Close().ok());
-    std::ifstream in(path_, std::ios::binary);
-    bytes_.assign(std::istreambuf_iterator<char>(in), {});
-  }
-
-  // Loads a file of these bytes: refused, or damages are listed, or the map is whole.
-  void ExpectNothingSilentlyWrong(const std::string& bytes, const std::string& what) {
-    std::ofstream(path_, std::ios::binary) << bytes;
-    const auto loaded = ReadMapFile(path_);
-    if (!loaded.ok()) {
-      ++refused_;
-      EXPECT_FALSE(ErrorText(loaded.status()).empty()) << what;
-    } else if (!loaded->damages.empty()) {
-      ++damaged_;
-    } else {
-      ++whole_;
-      SCOPED_TRACE(what);
-      ExpectEqual(*loaded->map, *map_.Snapshot());
-    }
-  }
-
-  std::string bytes_;
-  int refused_ = 0;
-  int damaged_ = 0;
-  int whole_ = 0;
-};
-
-TEST_F(DamagedMapFileTest, NoFlippedBitGoesUnnoticed) {
-  std::mt19937_64 random(1);
-  for (int round = 0; round < 500; ++round) {
-    std::string bytes = bytes_;
-    const size_t place = random() % bytes.size();
-    const size_t bit = random() % 8;
-    bytes[place] = static_cast<char>(bytes[place] ^ (1 << bit));
-    ExpectNothingSilentlyWrong(bytes, fmt::format("bit {} of byte {}", bit, place));
-  }
-  EXPECT_GT(damaged_, 50);
-  EXPECT_GT(whole_, 10);  // places that are not in use
-}
-
-TEST_F(DamagedMapFileTest, NoDamagedPageGoesUnnoticed) {
-  std::mt19937_64 random(2);
-  constexpr size_t kPage = 4096;
-  for (size_t page = 0; page < bytes_.size() / kPage; ++page) {
-    for (const size_t length : {size_t{8}, size_t{200}, kPage}) {
-      std::string bytes = bytes_;
-      for (size_t k = 0; k < length; ++k) bytes[page * kPage + k] = static_cast<char>(random());
-      ExpectNothingSilentlyWrong(bytes, fmt::format("{} bytes of page {}", length, page));
-      ExpectNothingSilentlyWrong(bytes_.substr(0, page * kPage + length % kPage),
-                                 fmt::format("cut within page {}", page));
-    }
-  }
-  EXPECT_GT(refused_, 10);
-}
-
-TEST_F(DamagedMapFileTest, AForeignLogBesideTheMapIsNotMixedIn) {
-  std::ofstream(path_ + "-wal", std::ios::binary) << std::string(10'000, 'x');
-  ExpectNothingSilentlyWrong(bytes_, "text as -wal");
-  EXPECT_EQ(whole_, 1);
-  // What another map's daemon left when it was killed, the last save in it.
-  const std::string other_path = directory_.File("other");
-  Map other(map_.options());
-  Layer& layer = other.AddLayer({"robot a", 1}, {1, 1});
-  auto file = MapFile::Open(other_path);
-  for (ControlPoint value = 3; value < 6; ++value) {
-    Commit(layer, value);
-    ASSERT_TRUE(file->Save(*other.Snapshot()).ok());
-  }
-  std::filesystem::copy_file(other_path + "-wal", path_ + "-wal",
-                             std::filesystem::copy_options::overwrite_existing);
-  const auto loaded = ReadMapFile(path_);
-  if (loaded.ok() && loaded->damages.empty()) ExpectEqual(*loaded->map, *other.Snapshot());
+  EXPECT_EQ(ReadMapFile(loaded->kept_copy)->damages.size(), 1u);
+  EXPECT_TRUE(absl::IsFailedPrecondition(MapFile::Open(path_).status())) << "still in use";
+  Commit(map_.layer(0), 6);
+  ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  ExpectEqual(*ReadMapFile(path_)->map, *map_.Snapshot());
 }
 
 TEST_F(MapFileTest, ASecondWriterIsRefused) {
@@ -409,9 +288,34 @@ TEST_F(MapFileTest, AFileThatIsDeletedOrReplacedIsNoticed) {
   auto file = MapFile::Open(path_);
   ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
   std::filesystem::remove(path_);
-  EXPECT_TRUE(absl::IsFailedPrecondition(file->Save(*map_.Snapshot())));
+  EXPECT_TRUE(absl::IsFailedPrecondition(file->Save(*map_.Snapshot()).status()));
   std::ofstream(path_) << "another";
-  EXPECT_TRUE(absl::IsFailedPrecondition(file->Save(*map_.Snapshot())));
+  EXPECT_TRUE(absl::IsFailedPrecondition(file->Save(*map_.Snapshot()).status()));
+}
+
+TEST_F(MapFileTest, AFileThatWasDeletedOrReplacedIsSavedElsewhereAndLeavesTheOtherAlone) {
+  Layer& layer = map_.AddLayer({"robot", 1}, {1, 1});
+  const std::string rescue = directory_.File("rescue");
+  for (const bool is_replaced : {false, true}) {
+    std::filesystem::remove(path_);
+    auto file = MapFile::Open(path_);
+    Commit(layer, 5);
+    ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+    std::filesystem::remove(path_);
+    if (is_replaced) std::filesystem::copy_file(TestData("map_of_schema_2"), path_);
+    EXPECT_FALSE(file->IsThere());
+    Commit(layer, 6);
+    EXPECT_EQ(file->SaveElsewhere(path_, *map_.Snapshot()).ok(), !is_replaced);
+    if (is_replaced) {
+      ASSERT_TRUE(file->SaveElsewhere(rescue, *map_.Snapshot()).ok());
+      EXPECT_EQ(ReadMapFile(path_)->map->layers.size(), 2u);  // and no mixture
+      EXPECT_TRUE(ReadMapFile(path_)->damages.empty());
+    }
+    EXPECT_EQ(file->path(), is_replaced ? rescue : path_);
+    Commit(layer, 7);
+    ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+    ExpectEqual(*ReadMapFile(file->path())->map, *map_.Snapshot());
+  }
 }
 
 TEST_F(MapFileTest, ACopyOfTheFileInUseHasTheLastSave) {
@@ -442,11 +346,201 @@ TEST_F(MapFileTest, ANameMayBeAnyBytes) {
   ExpectEqual(*ReadMapFile(path_)->map, *map_.Snapshot());
 }
 
-TEST_F(MapFileTest, ADamagedMapRecordIsRefused) {
-  map_.AddLayer({"robot", 1}, {1, 1});
+TEST_F(MapFileTest, ADamagedRecordOfTheMapOrOfALayerIsReadFromItsCopy) {
+  Commit(map_.AddLayer({"robot", 1}, {1, 1}), 5);
+  Commit(map_.AddLayer({"other", 2}, {7, 8}), 6);
+  map_.SetOwnLayer({"other", 2});
+  LayerControls controls;
+  controls.Take({"gone", 3}, controls.Removal({"gone", 3}, 12, 79));
+  map_.SetControls(controls);
+  for (const char* statement :
+       {"UPDATE map SET record = x''", "DELETE FROM map", "UPDATE layer SET record = x'' ",
+        "DELETE FROM layer", "UPDATE layer SET record = x'' WHERE id = 2"}) {
+    std::filesystem::remove(path_);
+    ASSERT_TRUE(MapFile::Open(path_)->Save(*map_.Snapshot()).ok());
+    SQLite::Database(path_, SQLite::OPEN_READWRITE).exec(statement);
+    const auto loaded = ReadMapFile(path_);
+    ASSERT_TRUE(loaded.ok()) << statement << loaded.status();
+    EXPECT_FALSE(loaded->damages.empty()) << statement;
+    ExpectEqual(*loaded->map, *map_.Snapshot());
+  }
+  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("DELETE FROM layer; DELETE FROM map");
+  EXPECT_TRUE(absl::IsDataLoss(ReadMapFile(path_).status()));  // and not a map that begins
+}
+
+// Saves a map with what cannot be; the file is whole, and has all else.
+TEST_F(MapFileTest, WhatCannotBeIsLeftOutAndSaidAndTheRestIsSaved) {
+  constexpr uint64_t kMax = kMaxRevision;
+  Layer& sane = map_.AddLayer({"sane", 1}, {1, 1});
+  Commit(sane, 5);
+  LayerControls controls;
+  LayerControl decision;
+  decision.counter = kMax;
+  controls.Take({"sane", 1}, decision);
+  map_.SetControls(controls);
+  const auto sane_map = map_.Snapshot();
+  std::vector<std::pair<std::string, MapSnapshot>> cases;
+  const auto add = [&](std::string what, auto change) {
+    MapSnapshot map = *sane_map;
+    change(map);
+    cases.emplace_back(std::move(what), std::move(map));
+  };
+  const auto add_decision = [&](const std::string& what, LayerControl control) {
+    add(what, [&](MapSnapshot& map) { map.controls.Take({"x", 9}, control); });
+  };
+  const auto add_layer = [&](const std::string& what, LayerId id, LayerEpoch epoch,
+                             uint64_t revision) {
+    add(what, [&](MapSnapshot& map) {
+      Layer layer(std::move(id), epoch);
+      layer.RestoreTile({1, 1}, std::make_shared<const Tile>(), 1);
+      map.layers.insert(map.layers.begin(), layer.Snapshot());
+      map.layers.front().revision = revision;
+    });
+  };
+  for (const uint64_t value : {kMax + 1, uint64_t{1} << 62, ~uint64_t{0} >> 1, ~uint64_t{0}}) {
+    add_layer("incarnation", {"x", 9}, {value, 1}, 1);
+    add_layer("revision", {"x", 9}, {1, 1}, value);
+    LayerControl control;
+    control.counter = value;
+    add_decision("counter", control);
+    control.counter = 0;
+    control.removed_up_to = value;
+    add_decision("removed_up_to", control);
+  }
+  add_layer("no name", {"", 9}, {1, 1}, 1);
+  add_layer("long name", {std::string(257, 'x'), 9}, {1, 1}, 1);
+  add_layer("0 in a name", {std::string("a\0b", 3), 9}, {1, 1}, 1);
+  add_layer("twice", {"sane", 1}, {1, 1}, 1);
+  for (const int32_t knots : {KnotShift::kMax + 1, -KnotShift::kMax - 1, INT32_MIN, INT32_MAX}) {
+    for (const KnotShift shift : {KnotShift{knots, 0}, KnotShift{0, knots}}) {
+      LayerControl control;
+      control.shift = shift;
+      add_decision("shift", control);
+    }
+  }
+  for (const double value : {std::nan(""), HUGE_VAL, -HUGE_VAL}) {
+    for (int k = 0; k < 3; ++k) {
+      LayerControl control;
+      control.alignment[k] = value;
+      add_decision("alignment", control);
+    }
+  }
+  add("a decision about nobody", [&](MapSnapshot& map) { map.controls.Take({"", 9}, decision); });
+  for (const auto& [what, map] : cases) {
+    SCOPED_TRACE(what);
+    std::filesystem::remove(path_);
+    const auto problems = MapFile::Open(path_)->Save(map);
+    ASSERT_TRUE(problems.ok()) << problems.status();
+    EXPECT_EQ(problems->size(), 1u);
+    const auto loaded = ReadMapFile(path_);
+    ASSERT_TRUE(loaded.ok()) << loaded.status();
+    EXPECT_TRUE(loaded->damages.empty()) << loaded->damages.front();
+    if (what == "twice") continue;  // one of them is there
+    ExpectEqual(*loaded->map, *sane_map);
+  }
+}
+
+TEST_F(MapFileTest, TilesThatCannotBeAreLeftOutUntilTheyCan) {
+  Layer& layer = map_.AddLayer({"robot", 1}, {1, 1});
+  Commit(layer, 5);
+  auto file = MapFile::Open(path_);
+  ASSERT_TRUE(file->Save(*map_.Snapshot())->empty());
+  Commit(layer, 8);  // other tiles of the row
+  layer.EditTile({2, 2}).control_points[7] = 5121;
+  layer.EditTile({-2, 2}).control_points[7] = -2561;
+  const auto problems = file->Save(*map_.Snapshot());
+  ASSERT_TRUE(problems.ok()) << problems.status();
+  ASSERT_EQ(problems->size(), 1u);
+  EXPECT_NE(problems->front().find("2 tiles of layer robot"), std::string::npos)
+      << problems->front();
+  for (int round = 0; round < 2; ++round) {
+    const auto loaded = ReadMapFile(path_);
+    EXPECT_TRUE(loaded->damages.empty());
+    EXPECT_EQ(loaded->map->layers[0].tiles.size(), 5u);
+    layer.BeginCommit();
+    EXPECT_EQ(file->Save(*map_.Snapshot())->size(), 1u);  // said again, since it is so still
+  }
+  Commit(layer, 11);
+  EXPECT_TRUE(file->Save(*map_.Snapshot())->empty());
+  const auto loaded = ReadMapFile(path_);
+  EXPECT_TRUE(loaded->damages.empty());
+  ExpectEqual(*loaded->map, *map_.Snapshot());
+}
+
+TEST_F(MapFileTest, OptionsThatCannotBeAreRefusedAndTheFileStays) {
+  Commit(map_.AddLayer({"robot", 1}, {1, 1}), 5);
+  auto file = MapFile::Open(path_);
+  ASSERT_TRUE(file->Save(*map_.Snapshot()).ok());
+  for (const double interval : {0.0, -1.0, 1e-320, 1e300, std::nan(""), HUGE_VAL}) {
+    MapSnapshot map = *map_.Snapshot();
+    map.options.knot_interval_m = interval;
+    EXPECT_TRUE(absl::IsInvalidArgument(file->Save(map).status())) << interval;
+  }
+  ExpectEqual(*ReadMapFile(path_)->map, *map_.Snapshot());
+}
+
+// Files of versions that wrote what none reads any more.
+TEST_F(MapFileTest, OfARecordThatCannotBeOnlyThatIsLost) {
+  Commit(map_.AddLayer({"robot", 1}, {5, 1}), 5);
+  Commit(map_.AddLayer({"other", 2}, {5, 1}), 6);
   ASSERT_TRUE(MapFile::Open(path_)->Save(*map_.Snapshot()).ok());
-  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("UPDATE map SET record = x''");
-  EXPECT_TRUE(absl::IsDataLoss(ReadMapFile(path_).status()));
+  const auto sealed = [](auto record) {
+    record.clear_checksum();
+    const std::string bytes = record.SerializeAsString();
+    record.set_checksum(XXH3_64bits(bytes.data(), bytes.size()));
+    return record.SerializeAsString();
+  };
+  {
+    SQLite::Database database(path_, SQLite::OPEN_READWRITE);
+    const auto rewrite = [&](auto record, const std::string& table, const auto& change) {
+      ASSERT_TRUE(
+          record.ParseFromString(database.execAndGet("SELECT record FROM " + table).getString()));
+      change(record);
+      const std::string bytes = sealed(record);
+      SQLite::Statement put(database, "UPDATE " + table + " SET record = ? WHERE id = 1");
+      put.bind(1, bytes.data(), static_cast<int>(bytes.size()));
+      put.exec();
+    };
+    rewrite(store::LayerRecord(), "layer", [](store::LayerRecord& record) {
+      record.set_revision(~uint64_t{0} >> 1);
+      record.set_incarnation(uint64_t{1} << 61 | 1);
+    });
+    rewrite(store::MapRecord(), "map", [](store::MapRecord& record) {
+      for (const uint64_t counter : {uint64_t{4}, uint64_t{1} << 62}) {
+        store::ControlRecord& control = *record.add_controls();
+        control.mutable_layer()->set_name(counter == 4 ? "sane" : "insane");
+        control.set_counter(counter);
+      }
+    });
+  }
+  const auto loaded = ReadMapFile(path_);
+  ASSERT_TRUE(loaded.ok()) << loaded.status();
+  EXPECT_EQ(loaded->damages.size(), 3u);
+  ASSERT_EQ(loaded->map->controls.records().size(), 1u);
+  EXPECT_EQ(loaded->map->controls.records().begin()->first.name, "sane");
+  const LayerSnapshot& layer = loaded->map->layers[0];
+  EXPECT_EQ(layer.epoch, LayerEpoch());
+  EXPECT_EQ(layer.revision, 1u);
+  EXPECT_EQ(ContentOf(layer.tiles), ContentOf(map_.Snapshot()->layers[0].tiles));
+  EXPECT_EQ(ContentOf(loaded->map->layers[1].tiles), ContentOf(map_.Snapshot()->layers[1].tiles));
+}
+
+TEST_F(MapFileTest, AFileOfTheSchemaBeforeIsReadAndContinued) {
+  std::filesystem::copy_file(TestData("map_of_schema_2"), path_);
+  ASSERT_EQ(SQLite::Database(path_).execAndGet("PRAGMA user_version").getInt(), 2);
+  auto file = MapFile::Open(path_);
+  const auto loaded = file->Load();
+  ASSERT_TRUE(loaded.ok()) << loaded.status();
+  EXPECT_TRUE(loaded->damages.empty());
+  Map map(loaded->map->options);
+  for (const LayerSnapshot& layer : loaded->map->layers) {
+    Commit(map.ContinueLayer(layer, layer.epoch), 3);
+  }
+  ASSERT_TRUE(file->Save(*map.Snapshot())->empty());
+  const auto again = ReadMapFile(path_);
+  EXPECT_TRUE(again->damages.empty());
+  ExpectEqual(*again->map, *map.Snapshot());
+  EXPECT_EQ(SQLite::Database(path_).execAndGet("PRAGMA user_version").getInt(), 3);
 }
 
 TEST_F(MapFileTest, RefusesWhatIsNoMapInWords) {
@@ -485,7 +579,7 @@ TEST_F(MapFileTest, RefusesAFolder) {
 TEST_F(MapFileTest, RefusesAnotherSchema) {
   map_.AddLayer({"robot", 1}, {1, 1});
   ASSERT_TRUE(MapFile::Open(path_)->Save(*map_.Snapshot()).ok());
-  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 3");
+  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 4");
   EXPECT_NE(ErrorText(MapFile::Open(path_).status()).find("a newer splinemap"), std::string::npos);
   SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 1");
   EXPECT_NE(ErrorText(ReadMapFile(path_).status()).find("an older splinemap"), std::string::npos);
