@@ -1,0 +1,116 @@
+#include "tests/support/memory_daemon.h"
+
+#include <utility>
+
+#include "lib/base/status.h"
+#include "lib/rpc/messages.h"
+#include "lib/wire/decode.h"
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr int64_t kClient = 0x1234;
+constexpr milliseconds kPatience(10'000);
+constexpr milliseconds kRetry(200);
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<MemoryDaemon>> MemoryDaemon::Start(
+    const config::Config& config, const std::vector<std::string>& channels, Handler hear) {
+  std::unique_ptr<MemoryDaemon> daemon(new MemoryDaemon);
+  SPLINEMAP_ASSIGN_OR_RETURN(auto bus, LcmBus::Open("memq://"));
+  daemon->bus_ = bus.get();
+  const std::string& prefix = config.channel_prefix();
+  bus->Subscribe(ReplyChannel(prefix, kClient),
+                 [d = daemon.get()](const std::string&, absl::Span<const uint8_t> message) {
+                   reply_t reply;
+                   if (const auto points = DecodeRpc<points_reply_t>(message); points.ok()) {
+                     reply = points->head;
+                   } else if (const auto done = DecodeRpc<command_reply_t>(message); done.ok()) {
+                     reply = done->head;
+                   } else {
+                     return;
+                   }
+                   MutexLock lock(d->mutex_);
+                   d->reply_ = reply;
+                   d->heard_.notify_all();
+                 });
+  bus->Subscribe(prefix + "_LAYERS",
+                 [d = daemon.get()](const std::string&, absl::Span<const uint8_t> message) {
+                   const auto layers = DecodeLayers(message);
+                   if (!layers.ok()) return;
+                   MutexLock lock(d->mutex_);
+                   d->layers_ = *layers;
+                   d->heard_.notify_all();
+                 });
+  for (const std::string& channel : channels) {
+    bus->Subscribe(prefix + channel, [hear](const std::string&, absl::Span<const uint8_t> message) {
+      hear(message);
+    });
+  }
+  SPLINEMAP_ASSIGN_OR_RETURN(daemon->daemon_, Daemon::Start(config, std::move(bus)));
+  SPLINEMAP_ASSIGN_OR_RETURN(const reply_t found,
+                             daemon->Ask(Rpc<PointsQuery>::kChannel, ToMessage(PointsQuery{}, {})));
+  daemon->nonce_ = found.daemon_nonce;
+  daemon->incarnation_ = found.incarnation;
+  return daemon;
+}
+
+std::optional<layers_t> MemoryDaemon::Layers() {
+  {
+    MutexLock lock(mutex_);
+    layers_.reset();
+  }
+  daemon_->PublishStatus();
+  std::unique_lock lock(mutex_);
+  heard_.wait_for(lock, kPatience, [this] { return layers_.has_value(); });
+  return layers_;
+}
+
+template <typename Request>
+absl::StatusOr<reply_t> MemoryDaemon::Ask(const std::string& channel, Request request) {
+  request.head = {};
+  request.head.client = kClient;
+  request.head.id = ++last_id_;
+  request.head.daemon_nonce = nonce_;
+  const auto deadline = Clock::now() + kPatience;
+  while (Clock::now() < deadline) {
+    bus_->Publish("SPLINEMAP" + channel, request);
+    std::unique_lock lock(mutex_);
+    const bool is_there = heard_.wait_for(
+        lock, kRetry, [&] { return reply_.has_value() && reply_->id == request.head.id; });
+    if (is_there) return *reply_;
+  }
+  return absl::DeadlineExceededError("the daemon does not answer");
+}
+
+template <typename Request>
+absl::Status MemoryDaemon::Command(Request request) {
+  // Once more, where the layer has begun another life meanwhile.
+  for (int n = 0; n < 2; ++n) {
+    if constexpr (std::is_same_v<Request, command_request_t>) request.incarnation = incarnation_;
+    SPLINEMAP_ASSIGN_OR_RETURN(const reply_t reply, Ask(kCommandChannel, request));
+    const bool is_same_life = std::exchange(incarnation_, reply.incarnation) == reply.incarnation;
+    if (reply.status == 0) return absl::OkStatus();
+    if (is_same_life) return StatusOf(reply);
+  }
+  return absl::FailedPreconditionError("the layer begins one life after the other");
+}
+
+absl::Status MemoryDaemon::Save() {
+  command_request_t save{};
+  save.command = "save";
+  return Command(save);
+}
+
+absl::Status MemoryDaemon::Decide(const std::string& command, const LayerId& id) {
+  layer_command_request_t request{};
+  request.command = command;
+  request.name = id.name;
+  request.origin = static_cast<int64_t>(id.origin);
+  return Command(request);
+}
+
+}  // namespace splinemap
