@@ -353,11 +353,6 @@ class CorpusMaker {
     std::filesystem::create_directories(folder_ + "/map_file");
     const std::string path = folder_ + "/map_file/two_layers";
     std::filesystem::remove(path);
-    {
-      SQLite::Database database(path, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE);
-      database.exec("PRAGMA page_size = 512");  // a small file
-      MakeSchema(database);
-    }
     Map map({});
     for (const uint64_t origin : {1, 2}) {
       Layer& layer = map.AddLayer({"robot", origin}, {1, 1});

@@ -100,7 +100,7 @@ stop second
 start second robot-2
 stop second
 start second robot-2
-sleep 1.5
+sleep 3.5  # a start counts after two seconds
 kill -KILL "${daemon[second]}"
 wait "${daemon[second]}" 2> /dev/null || true
 cp yesterday.splinemap second.splinemap

@@ -1,5 +1,6 @@
 // decide MAP NAME [muted] [I J]: saves in the map file that the layer NAME is not summed, or
 // shifted by I, J knots; with neither, that it is summed as it is.
+// decide MAP NAME negated: saves the layer with the opposite content at the same commits.
 #include <cstdio>
 #include <cstdlib>
 #include <string>
@@ -12,13 +13,28 @@
 namespace splinemap {
 namespace {
 
+TileTree Negated(const TileTree& tiles) {
+  TileTreeEditor negated;
+  tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    Tile& tile = negated.Edit(key, entry.revision);
+    for (int k = 0; k < Tile::kSize; ++k) {
+      tile.control_points[k] = static_cast<ControlPoint>(-entry.tile->control_points[k]);
+    }
+  });
+  return negated.Freeze();
+}
+
 absl::Status Decide(const std::string& path, const std::string& name,
                     const std::vector<std::string>& words) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(path));
   SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(path));
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, file.Load());
   MapSnapshot map = *loaded.map;
-  for (const LayerSnapshot& layer : map.layers) {
+  for (LayerSnapshot& layer : map.layers) {
     if (layer.id.name != name) continue;
+    if (words == std::vector<std::string>{"negated"}) {
+      layer.tiles = Negated(layer.tiles);
+      continue;
+    }
     LayerControl control = map.controls.Next(layer.id, RandomId());
     control.muted = !words.empty() && words.front() == "muted";
     control.shift = {};
