@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "absl/strings/escaping.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/replication/channels.h"
@@ -196,7 +195,7 @@ void Daemon::ReportDamages(const std::vector<std::string>& damages) {
   std::string text = fmt::format("{}: {} damages, of which the next save leaves nothing",
                                  MapPath(config_), damages.size());
   for (size_t k = 0; k < std::min(damages.size(), kMaxLines); ++k) text += "; " + damages[k];
-  Report({.subject = "damage", .text = absl::Utf8SafeCHexEscape(text)});
+  Report({.subject = "damage", .text = std::move(text)});
 }
 
 void Daemon::Receive(const std::stop_token& stop) {
