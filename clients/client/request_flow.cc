@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "absl/strings/str_join.h"
+#include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 #include "lib/wire/encode.h"
 
@@ -168,7 +169,7 @@ void RequestFlow::BeginAllAnew() {
   for (const int64_t number : lost_commands) {
     Finish(number, Unavailable("splinemapd {} was started again; whether it did the {} before is "
                                "not known",
-                               robot_, requests_.at(number).pending->Describe()));
+                               PlainText(robot_), requests_.at(number).pending->Describe()));
   }
 }
 
@@ -198,8 +199,10 @@ std::string RequestFlow::WhyNoDaemon() const {
   return fmt::format(
       "no splinemapd{} answers on {}{}; does it run on this bus (LCM_DEFAULT_URL), with that "
       "channel_prefix{}? splinemap watch shows who is there",
-      robot_.empty() ? "" : " of " + robot_, channel_prefix_, Rpc<PointsQuery>::kChannel,
-      heard_.empty() ? "" : fmt::format(", and not only that of {}", absl::StrJoin(heard_, ", ")));
+      robot_.empty() ? "" : " of " + PlainText(robot_), channel_prefix_, Rpc<PointsQuery>::kChannel,
+      heard_.empty()
+          ? ""
+          : fmt::format(", and not only that of {}", PlainText(absl::StrJoin(heard_, ", "))));
 }
 
 absl::Status RequestFlow::Late(const Request& request) const {
@@ -207,8 +210,8 @@ absl::Status RequestFlow::Late(const Request& request) const {
   if (!daemon_) {
     text += WhyNoDaemon();
   } else {
-    text += fmt::format("splinemapd of {} answered {} of {} requests in time; {}", daemon_->name,
-                        request.answered, request.pending->num_pieces(),
+    text += fmt::format("splinemapd of {} answered {} of {} requests in time; {}",
+                        PlainText(daemon_->name), request.answered, request.pending->num_pieces(),
                         request.problem.empty() ? "does it still run, and is the deadline long "
                                                   "enough? splinemap watch shows who is there"
                                                 : request.problem);

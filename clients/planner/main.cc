@@ -16,6 +16,7 @@
 #include "lcmtypes/michigan/path2D_t.hpp"
 #include "lib/base/host_clock.h"
 #include "lib/base/mutex.h"
+#include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 #include "lib/query/local_map.h"
 #include "lib/wire/decode.h"
@@ -154,7 +155,7 @@ class PlannerNode {
       if (const absl::StatusOr<TimedPose> pose = DecodePose(bytes); pose.ok()) {
         take(pose->world_T_robot);
       } else {
-        fmt::print(stderr, "{}: {}\n", channel, ErrorText(pose.status()));
+        fmt::print(stderr, "{}: {}\n", channel, PlainText(ErrorText(pose.status())));
       }
     });
   }
@@ -193,7 +194,7 @@ class PlannerNode {
     using Milliseconds = std::chrono::duration<double, std::milli>;
     fmt::print(stderr, "{}; {}\n",
                path.ok() ? fmt::format("a path of {} points, {:.2f} m", path_.size(), Length(path_))
-                         : ErrorText(path.status()),
+                         : PlainText(ErrorText(path.status())),
                is_replanned && change
                    ? fmt::format("replanned in {:.0f} ms after the change",
                                  Milliseconds(now - change->since).count())
@@ -259,7 +260,7 @@ int Main(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : 2;
   }
   if (const absl::Status status = Run(flags); !status.ok()) {
-    fmt::print(stderr, "splinemap-planner: {}\n", ErrorText(status));
+    fmt::print(stderr, "splinemap-planner: {}\n", PlainLines(ErrorText(status)));
     return 1;
   }
   return 0;

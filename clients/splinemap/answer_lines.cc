@@ -9,6 +9,7 @@
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_split.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -64,7 +65,7 @@ absl::Status AnswerFile(const QueryableMap& map, size_t batch_size, const std::s
       continue;
     }
     if (!row && broken++ == 0) {
-      fmt::print(stderr, "{}:{}: not {}: {}\n", path, number, answers.row, line.substr(0, 60));
+      Say(stderr, "{}:{}: not {}: {}", path, number, answers.row, line.substr(0, 60));
     }
     batch.push_back(std::move(row));
     if (batch.size() == batch_size) SPLINEMAP_RETURN_IF_ERROR(AnswerBatch(map, answers, batch));

@@ -8,6 +8,7 @@
 #include "clients/replica/map_replica.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/region_flag.h"
+#include "clients/splinemap/say.h"
 #include "lcmtypes/michigan/occupancy_grid_t.hpp"
 #include "lib/base/status.h"
 #include "lib/query/local_map.h"
@@ -128,7 +129,7 @@ absl::StatusOr<int> BridgeOccupancyGrid(Flags flags) {
   bool has_said_size = false;
   while (true) {
     bus->Handle(kTick);
-    if (const auto news = bus->TakeNews()) fmt::print(stderr, "{}\n", *news);
+    if (const auto news = bus->TakeNews()) Say(stderr, "{}", *news);
     const Clock::time_point now = Clock::now();
     if (last_publish && now - *last_publish < interval) continue;
     const bool repeats = last_publish && now - *last_publish >= kRepeat;
@@ -140,16 +141,16 @@ absl::StatusOr<int> BridgeOccupancyGrid(Flags flags) {
     SPLINEMAP_ASSIGN_OR_RETURN(const auto message, GridMessage(LocalMap(map), *grid));
     bus->Publish(flags.channel, message);
     if (!last_publish) {
-      fmt::print(stderr, "{}: {} x {} cells of {} m\n", flags.channel, grid->width, grid->height,
-                 grid->cell_m);
+      Say(stderr, "{}: {} x {} cells of {} m", flags.channel, grid->width, grid->height,
+          grid->cell_m);
     }
     if (message.num_cells > kManyCells && !has_said_size) {
       has_said_size = true;
-      fmt::print(stderr,
-                 "{}: messages of {} kB; LCM over UDP loses some of this size, fewer where "
-                 "receivers have recv_buf_size= in their URL; --resolution and --region make them "
-                 "smaller\n",
-                 flags.channel, message.num_cells / 1000);
+      Say(stderr,
+          "{}: messages of {} kB; LCM over UDP loses some of this size, fewer where "
+          "receivers have recv_buf_size= in their URL; --resolution and --region make them "
+          "smaller",
+          flags.channel, message.num_cells / 1000);
     }
     last_publish = now;
   }

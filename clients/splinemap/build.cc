@@ -3,6 +3,7 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/progress.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/config/flags.h"
@@ -26,15 +27,13 @@ void ReportDrops(const DropCounts& drops) {
   for (int k = 0; k < kNumDropReasons; ++k) {
     const auto reason = static_cast<DropReason>(k);
     if (drops[reason] == 0) continue;
-    std::fprintf(stderr, "dropped %ld %s: %s\n", static_cast<long>(drops[reason]), DropName(reason),
-                 DropExplanation(reason));
+    Say(stderr, "dropped {} {}: {}", drops[reason], DropName(reason), DropExplanation(reason));
   }
 }
 
 void Report(const MapperCounts& counts, const MapSnapshot& map, const std::string& out) {
-  std::fprintf(stderr, "mapped %ld of %ld scans with %ld poses; %zu tiles in %s\n",
-               static_cast<long>(counts.scans_mapped), static_cast<long>(counts.scans_received),
-               static_cast<long>(counts.poses_received), map.merged.size(), out.c_str());
+  Say(stderr, "mapped {} of {} scans with {} poses; {} tiles in {}", counts.scans_mapped,
+      counts.scans_received, counts.poses_received, map.merged.size(), out);
 }
 
 absl::StatusOr<int> Build(const Flags& flags) {
@@ -63,10 +62,10 @@ absl::StatusOr<int> Build(const Flags& flags) {
   }
   mapper.Flush();
   for (const Notice& notice : mapper.TakeNotices()) {
-    std::fprintf(stderr, "%s\n", notice.text.c_str());
+    Say(stderr, "{}", notice.text);
   }
   const MapperCounts counts = mapper.counts();
-  if (!read.ok()) std::fprintf(stderr, "%s\n", ErrorText(read).c_str());
+  if (!read.ok()) Say(stderr, "{}", ErrorText(read));
   ReportDrops(counts.drops);
   if (counts.scans_mapped == 0) {
     return FailedPrecondition(

@@ -8,6 +8,7 @@
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/layer_name.h"
 #include "clients/splinemap/live_layers.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -58,8 +59,8 @@ absl::StatusOr<int> Decide(const std::string& command, const Flags& flags) {
   LayerDecision decision{command, layer->id, layer->incarnation, {}};
   if (flags.shift.size() == 2) decision.shift = {flags.shift[0], flags.shift[1]};
   SPLINEMAP_RETURN_IF_ERROR(client->Decide(decision));
-  fmt::print(stderr, "{} has decided: {} {}; all others hear of it within a second or two\n",
-             layer->daemon, command, NameOf(layer->id));
+  Say(stderr, "{} has decided: {} {}; all others hear of it within a second or two", layer->daemon,
+      command, NameOf(layer->id));
   return kSuccess;
 }
 

@@ -6,6 +6,7 @@
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/layer_lines.h"
 #include "clients/splinemap/layer_name.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/status.h"
 #include "lib/store/map_file.h"
 
@@ -70,8 +71,8 @@ std::string Decided(const LayerControl& control) {
 void TellRemovals(const MapSnapshot& map, const MapSnapshot& other, const std::string& path) {
   for (const auto& [id, control] : map.controls.records()) {
     if (control.removed_up_to <= other.controls.Of(id).removed_up_to) continue;
-    fmt::print("layer {}: removed up to start {}, only in {}\n", NameOf(id), control.removed_up_to,
-               path);
+    Say(stdout, "layer {}: removed up to start {}, only in {}", NameOf(id), control.removed_up_to,
+        path);
   }
 }
 
@@ -86,10 +87,10 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
   }
   if (a.options != b.options) {
     for (const MapSnapshot* map : {&a, &b}) {
-      fmt::print("{}: knot_interval_m {}, control points {} .. {} log-odds\n",
-                 map == &a ? path_a : path_b, map->options.knot_interval_m,
-                 map->options.limits.min / double{kUnitsPerLogOdds},
-                 map->options.limits.max / double{kUnitsPerLogOdds});
+      Say(stdout, "{}: knot_interval_m {}, control points {} .. {} log-odds",
+          map == &a ? path_a : path_b, map->options.knot_interval_m,
+          map->options.limits.min / double{kUnitsPerLogOdds},
+          map->options.limits.max / double{kUnitsPerLogOdds});
     }
     return kFailed;
   }
@@ -98,7 +99,7 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
     const LayerSnapshot* other = Counterpart(layer.id, a.layers, b.layers, taken);
     if (other == nullptr) {
       if (layer.tiles.size() == 0) continue;
-      std::printf("layer %s: only in %s\n", layer.id.name.c_str(), path_a.c_str());
+      Say(stdout, "layer {}: only in {}", layer.id.name, path_a);
       equal = false;
       continue;
     }
@@ -106,28 +107,28 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
     const std::string decided_a = Decided(a.controls.Of(layer.id));
     const std::string decided_b = Decided(b.controls.Of(other->id));
     if (decided_a != decided_b) {
-      fmt::print("layer {}: {} in {}, {} in {}\n", layer.id.name, decided_a, path_a, decided_b,
-                 path_b);
+      Say(stdout, "layer {}: {} in {}, {} in {}", layer.id.name, decided_a, path_a, decided_b,
+          path_b);
       equal = false;
     }
     const Difference difference = Compare(layer.tiles, other->tiles);
     if (difference.tiles == 0) continue;
-    std::printf("layer %s: %ld tiles differ, in %ld control points\n", layer.id.name.c_str(),
-                static_cast<long>(difference.tiles), static_cast<long>(difference.control_points));
+    Say(stdout, "layer {}: {} tiles differ, in {} control points", layer.id.name, difference.tiles,
+        difference.control_points);
     equal = false;
   }
   for (const LayerSnapshot& layer : b.layers) {
     if (taken.contains(&layer) || layer.tiles.size() == 0) continue;
-    std::printf("layer %s: only in %s\n", layer.id.name.c_str(), path_b.c_str());
+    Say(stdout, "layer {}: only in {}", layer.id.name, path_b);
     equal = false;
   }
   if (const Difference difference = Compare(a.merged, b.merged); difference.tiles > 0) {
-    fmt::print("the sum of all layers: {} tiles differ, in {} control points\n", difference.tiles,
-               difference.control_points);
+    Say(stdout, "the sum of all layers: {} tiles differ, in {} control points", difference.tiles,
+        difference.control_points);
     equal = false;
   }
   if (equal) {
-    std::printf("equal (layers: %zu, tiles: %zu)\n", a.layers.size(), a.merged.size());
+    Say(stdout, "equal (layers: {}, tiles: {})", a.layers.size(), a.merged.size());
   }
   TellRemovals(a, b, path_a);
   TellRemovals(b, a, path_b);

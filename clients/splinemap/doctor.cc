@@ -3,10 +3,10 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_replace.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/progress.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/status.h"
 #include "lib/config/flags.h"
 #include "lib/diagnosis/proposal.h"
@@ -73,8 +73,8 @@ nlohmann::json ToJson(const SurveyedChannel& channel) {
   return json;
 }
 
-void PrintJson(const Survey& survey, const absl::StatusOr<Proposal>& proposal,
-               const config::Config& given) {
+nlohmann::json ToJson(const Survey& survey, const absl::StatusOr<Proposal>& proposal,
+                      const config::Config& given) {
   nlohmann::json json;
   json["duration_s"] = survey.duration_s();
   json["channels"] = nlohmann::json::array();
@@ -94,36 +94,34 @@ void PrintJson(const Survey& survey, const absl::StatusOr<Proposal>& proposal,
   } else {
     json["problem"] = ErrorText(proposal.status());
   }
-  // Channel names may be any bytes.
-  const auto replace = nlohmann::json::error_handler_t::replace;
-  std::printf("%s\n", json.dump(2, ' ', false, replace).c_str());
+  return json;
 }
 
 void PrintChannels(const Survey& survey) {
-  fmt::print("{:<24} {:<26} {:>9} {:>9}  {}\n", "channel", "type", "messages", "rate_hz", "preset");
+  Say(stdout, "{:<24} {:<26} {:>9} {:>9}  {}", "channel", "type", "messages", "rate_hz", "preset");
   for (const SurveyedChannel& channel : survey.channels()) {
-    fmt::print("{:<24} {:<26} {:>9} {:>9.1f}  {}\n", absl::Utf8SafeCHexEscape(channel.name),
-               TypeOf(channel), channel.messages, channel.rate_hz, channel.preset);
+    Say(stdout, "{:<24} {:<26} {:>9} {:>9.1f}  {}", PlainText(channel.name), TypeOf(channel),
+        channel.messages, channel.rate_hz, channel.preset);
   }
-  fmt::print("{:.1f} s\n", survey.duration_s());
+  Say(stdout, "{:.1f} s", survey.duration_s());
   for (const std::string& remark : Remarks(survey)) {
-    fmt::print("{}\n", absl::Utf8SafeCHexEscape(remark));
+    Say(stdout, "{}", remark);
   }
 }
 
 void PrintTrials(const Proposal& proposal) {
   fmt::print("\nCells of 5 cm that the hits of the same scans lie in; fewer is sharper:\n");
-  fmt::print("{:<20} {:<20} {:>6} {:>9} {:>9} {:>11}\n", "scan", "pose", "scans", "as given",
-             "proposed", "other sign");
+  Say(stdout, "{:<20} {:<20} {:>6} {:>9} {:>9} {:>11}", "scan", "pose", "scans", "as given",
+      "proposed", "other sign");
   for (const FlagTrial& trial : proposal.trials) {
-    fmt::print("{:<20} {:<20} {:>6} ", absl::Utf8SafeCHexEscape(trial.scan),
-               absl::Utf8SafeCHexEscape(trial.pose), trial.scans);
+    const std::string compared = fmt::format("{:<20} {:<20} {:>6} ", PlainText(trial.scan),
+                                             PlainText(trial.pose), trial.scans);
     if (trial.flags) {
-      fmt::print("{:>9.0f} {:>9.0f} {:>11.0f}{}\n", trial.flags->spread_given, trial.flags->spread,
-                 trial.flags->spread_flipped,
-                 trial.flags->is_time_beyond ? "  more than a second apart?" : "");
+      Say(stdout, "{}{:>9.0f} {:>9.0f} {:>11.0f}{}", compared, trial.flags->spread_given,
+          trial.flags->spread, trial.flags->spread_flipped,
+          trial.flags->is_time_beyond ? "  more than a second apart?" : "");
     } else {
-      fmt::print("the robot turned too little, or has too few poses, to tell\n");
+      Say(stdout, "{}the robot turned too little, or has too few poses, to tell", compared);
     }
   }
 }
@@ -133,18 +131,20 @@ std::string Quoted(const std::string& word) {
   constexpr const char* kPlain =
       "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-.,:=/+";
   if (word.find_first_not_of(kPlain) == std::string::npos) return word;
-  return "'" + absl::StrReplaceAll(absl::Utf8SafeCHexEscape(word), {{"'", "'\\''"}}) + "'";
+  return "'" + absl::StrReplaceAll(PlainText(word), {{"'", "'\\''"}}) + "'";
 }
 
 void PrintFlags(const Proposal& proposal) {
-  fmt::print("\n{}:", proposal.problem.empty() ? "map it with" : "search on with");
-  for (const std::string& flag : proposal.scan_flags) fmt::print(" --scan {}", Quoted(flag));
-  fmt::print(" --pose {}\n", Quoted(proposal.pose));
+  std::string flags;
+  for (const std::string& flag : proposal.scan_flags) flags += " --scan " + Quoted(flag);
+  Say(stdout, "");
+  Say(stdout, "{}:{} --pose {}", proposal.problem.empty() ? "map it with" : "search on with", flags,
+      Quoted(proposal.pose));
   for (const std::string& channel : proposal.scans) {
     if (channel.find_first_of(":,") == std::string::npos) continue;
-    fmt::print(
-        "{} has a colon or comma, which --scan does not take: name it in a file for --config\n",
-        absl::Utf8SafeCHexEscape(channel));
+    Say(stdout,
+        "{} has a colon or comma, which --scan does not take: name it in a file for --config",
+        channel);
   }
 }
 
@@ -195,17 +195,17 @@ absl::StatusOr<int> Doctor(const Flags& flags) {
     const auto show = [&](double share) { bar.Show(share); };
     SPLINEMAP_ASSIGN_OR_RETURN(survey, SurveyLog(flags.log, show, damage));
   }
-  if (!damage.empty()) fmt::print(stderr, "{}\n", damage);
+  if (!damage.empty()) Say(stderr, "{}", damage);
   const absl::StatusOr<Proposal> proposal = Propose(survey, given);
   if (flags.json) {
-    PrintJson(survey, proposal, given);
+    PrintJson(ToJson(survey, proposal, given));
     return damage.empty() && proposal.ok() && proposal->problem.empty() ? kSuccess : kFailed;
   }
   PrintChannels(survey);
   if (!proposal.ok()) return Unavailable("{}", ErrorText(proposal.status()));
   PrintTrials(*proposal);
   for (const std::string& caution : proposal->cautions) {
-    fmt::print("{}\n", absl::Utf8SafeCHexEscape(caution));
+    Say(stdout, "{}", caution);
   }
   PrintFlags(*proposal);
   if (!proposal->problem.empty()) return Unavailable("{}", proposal->problem);

@@ -7,6 +7,7 @@
 #include "absl/strings/match.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/region_flag.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/exchange/csv.h"
@@ -97,9 +98,8 @@ absl::StatusOr<int> Export(const Flags& flags) {
   }
   SPLINEMAP_RETURN_IF_ERROR(Write(flags, mode, *loaded.map, grid, files));
   for (NewFile& file : files) SPLINEMAP_RETURN_IF_ERROR(file.Commit());
-  fmt::print(stderr, "{}: {} x {} pixels of {} m, lower left corner at {}, {} m\n",
-             fmt::join(paths, ", "), grid.width, grid.height, grid.pixel_m, grid.left_m,
-             grid.bottom_m());
+  Say(stderr, "{}: {} x {} pixels of {} m, lower left corner at {}, {} m", fmt::join(paths, ", "),
+      grid.width, grid.height, grid.pixel_m, grid.left_m, grid.bottom_m());
   return ReportDamages(loaded);
 }
 

@@ -4,6 +4,7 @@
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/layer_lines.h"
 #include "clients/splinemap/layer_name.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/config/config.h"
@@ -30,10 +31,10 @@ absl::StatusOr<int> Flatten(const Flags& flags) {
     const LayerControl& control = map.controls.Of(layer.id);
     summed += control.IsSummed() ? 1 : 0;
     if (control.IsSummed()) continue;
-    fmt::print(stderr, "{} is left out: {}\n", NameOf(layer.id), TextOf(control, layer.epoch));
+    Say(stderr, "{} is left out: {}", NameOf(layer.id), TextOf(control, layer.epoch));
   }
-  fmt::print(stderr, "{} layers are one, {}; {} tiles in {}\n", summed,
-             NameOf(flat->layers.front().id), flat->merged.size(), flags.output.out);
+  Say(stderr, "{} layers are one, {}; {} tiles in {}", summed, NameOf(flat->layers.front().id),
+      flat->merged.size(), flags.output.out);
   return loaded.damages.empty() ? kSuccess : kFailed;
 }
 

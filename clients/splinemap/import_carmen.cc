@@ -3,6 +3,7 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/progress.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/status.h"
 #include "lib/logs/carmen_log.h"
 #include "lib/logs/lcm_log.h"
@@ -39,16 +40,16 @@ absl::StatusOr<int> ImportCarmen(const Flags& flags) {
   }
   SPLINEMAP_RETURN_IF_ERROR(writer.Close());
 
-  std::fprintf(stderr, "%zu scans and poses written to %s\n", log.scans.size(), flags.out.c_str());
+  Say(stderr, "{} scans and poses written to {}", log.scans.size(), flags.out);
   if (times.replaced > 0) {
-    std::fprintf(stderr,
-                 "%ld time stamps stood still, went back or jumped and were replaced by steps of "
-                 "1/%g s (--rate)\n",
-                 static_cast<long>(times.replaced), flags.rate_hz);
+    Say(stderr,
+        "{} time stamps stood still, went back or jumped and were replaced by steps of 1/{:g} s "
+        "(--rate)",
+        times.replaced, flags.rate_hz);
   }
   if (log.broken_lines > 0) {
-    std::fprintf(stderr, "%ld lines could not be read and were skipped, the first is line %ld\n",
-                 static_cast<long>(log.broken_lines), static_cast<long>(log.first_broken_line));
+    Say(stderr, "{} lines could not be read and were skipped, the first is line {}",
+        log.broken_lines, log.first_broken_line);
   }
   if (log.ends_early) {
     return DataLoss("{} is cut off or damaged; what came before is in {}", flags.in, flags.out);

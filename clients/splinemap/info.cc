@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/status.h"
 #include "lib/store/map_file.h"
 
@@ -48,16 +49,15 @@ nlohmann::json ToJson(const MapSnapshot& map, const std::string& path) {
 
 void PrintForPeople(const nlohmann::json& json) {
   const auto number = [](const nlohmann::json& value) { return value.get<double>(); };
-  fmt::print("{}: {:.1f} MB, {} tiles, {:.1f} m2 seen\n", json["file"].get<std::string>(),
-             number(json["file_bytes"]) * 1e-6, json["tiles"].get<int64_t>(),
-             number(json["area_m2"]));
-  fmt::print("knot interval {} m, control points {} .. {} log-odds\n",
-             number(json["knot_interval_m"]), number(json["clamp_min"]), number(json["clamp_max"]));
+  Say(stdout, "{}: {:.1f} MB, {} tiles, {:.1f} m2 seen", json["file"].get<std::string>(),
+      number(json["file_bytes"]) * 1e-6, json["tiles"].get<int64_t>(), number(json["area_m2"]));
+  Say(stdout, "knot interval {} m, control points {} .. {} log-odds",
+      number(json["knot_interval_m"]), number(json["clamp_min"]), number(json["clamp_max"]));
   for (const nlohmann::json& layer : json["layers"]) {
-    fmt::print("layer {} ({}): {} scans, start {}, {} tiles, {:.1f} m2 seen\n",
-               layer["name"].get<std::string>(), layer["origin"].get<std::string>(),
-               layer["scans"].get<int64_t>(), layer["incarnation"].get<int64_t>(),
-               layer["tiles"].get<int64_t>(), number(layer["area_m2"]));
+    Say(stdout, "layer {} ({}): {} scans, start {}, {} tiles, {:.1f} m2 seen",
+        layer["name"].get<std::string>(), layer["origin"].get<std::string>(),
+        layer["scans"].get<int64_t>(), layer["incarnation"].get<int64_t>(),
+        layer["tiles"].get<int64_t>(), number(layer["area_m2"]));
   }
 }
 
@@ -66,8 +66,7 @@ absl::StatusOr<int> Info(const std::string& path, bool as_json) {
   nlohmann::json json = ToJson(*loaded.map, path);
   json["damages"] = loaded.damages;
   if (as_json) {
-    // Paths and names may be any bytes.
-    fmt::print("{}\n", json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
+    PrintJson(json);
   } else {
     PrintForPeople(json);
   }

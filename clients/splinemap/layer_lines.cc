@@ -7,6 +7,7 @@
 #include "clients/splinemap/live_layers.h"
 #include "fmt/format.h"
 #include "fmt/ranges.h"
+#include "lib/base/plain_text.h"
 #include "lib/map/tile_update.h"
 
 namespace splinemap {
@@ -48,7 +49,7 @@ Row RowOf(const LayerLine& line) {
   row.front() = NameOf(line.id);
   row.back() =
       TextOf(line.control, line.content ? std::optional(line.content->epoch) : std::nullopt);
-  if (!line.state.empty()) row[1] = line.state;
+  if (!line.state.empty()) row[1] = PlainText(line.state);
   if (line.heard_s_ago >= 0) row[2] = fmt::format("{:.1f}", line.heard_s_ago);
   if (!line.content) return row;
   const LayerLine::Content& content = *line.content;

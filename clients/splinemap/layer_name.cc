@@ -1,8 +1,8 @@
 #include "clients/splinemap/layer_name.h"
 
 #include "absl/strings/ascii.h"
-#include "absl/strings/escaping.h"
 #include "lib/base/did_you_mean.h"
+#include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -18,7 +18,7 @@ bool IsNamedBy(const LayerId& id, const std::string& text) {
 }  // namespace
 
 std::string NameOf(const LayerId& id) {
-  return fmt::format("{}@{:016x}", absl::Utf8SafeCHexEscape(id.name), id.origin);
+  return fmt::format("{}@{:016x}", PlainText(id.name), id.origin);
 }
 
 absl::StatusOr<LayerId> FindLayer(const std::vector<LayerId>& layers, const std::string& text,

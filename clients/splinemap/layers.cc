@@ -4,10 +4,10 @@
 #include <string>
 #include <vector>
 
-#include "absl/strings/escaping.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/layer_lines.h"
 #include "clients/splinemap/live_layers.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -19,11 +19,6 @@ struct Flags {
   bool json = false;
   LiveFlags bus;
 };
-
-// Names may be any bytes.
-void Print(const nlohmann::json& json) {
-  fmt::print("{}\n", json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace));
-}
 
 nlohmann::json ToJson(const std::vector<LayerLine>& lines) {
   nlohmann::json json = nlohmann::json::array();
@@ -44,13 +39,14 @@ absl::StatusOr<int> LayersOfDaemons(const Flags& flags) {
                       {"refused", daemon.refused}});
       continue;
     }
-    fmt::print("{}:\n{}", absl::Utf8SafeCHexEscape(daemon.name), TableOf(lines));
+    Say(stdout, "{}:", daemon.name);
+    fmt::print("{}", TableOf(lines));
     for (const std::string& refused : daemon.refused) {
-      fmt::print("refused {}\n", absl::Utf8SafeCHexEscape(refused));
+      Say(stdout, "refused {}", refused);
     }
     if (&daemon != &daemons.back()) fmt::print("\n");
   }
-  if (flags.json) Print(json);
+  if (flags.json) PrintJson(json);
   return kSuccess;
 }
 
@@ -62,7 +58,7 @@ absl::StatusOr<int> Layers(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
   const std::vector<LayerLine> lines = LinesOf(*loaded.map);
   if (flags.json) {
-    Print(ToJson(lines));
+    PrintJson(ToJson(lines));
   } else {
     fmt::print("{}", TableOf(lines));
   }

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
-#include "absl/strings/escaping.h"
 #include "absl/strings/str_replace.h"
 #include "clients/splinemap/preview.h"
 #include "fmt/format.h"
+#include "lib/base/plain_text.h"
 
 namespace splinemap {
 namespace {
@@ -25,17 +25,17 @@ std::string Staleness(double staleness_ms) {
 
 std::string StatusLine(const status_t& status) {
   std::string line = fmt::format(
-      "{}: {} of {} scans mapped, {} poses; {} waiting; {} tiles",
-      absl::Utf8SafeCHexEscape(status.name), status.scans_mapped, status.scans_received,
-      status.poses_received, int64_t{status.messages_queued} + status.scans_queued, status.tiles);
+      "{}: {} of {} scans mapped, {} poses; {} waiting; {} tiles", PlainText(status.name),
+      status.scans_mapped, status.scans_received, status.poses_received,
+      int64_t{status.messages_queued} + status.scans_queued, status.tiles);
   if (status.scan_time_mean_ms > 0) {
     line += fmt::format("; {:.3f} ms a scan", status.scan_time_mean_ms);
   }
   for (size_t k = 0; k < status.drop_reasons.size(); ++k) {
     line += fmt::format("{} {} {}", k == 0 ? "; dropped" : ",", status.drop_counts[k],
-                        absl::Utf8SafeCHexEscape(status.drop_reasons[k]));
+                        PlainText(status.drop_reasons[k]));
   }
-  if (!status.last_problem.empty()) line += "; " + absl::Utf8SafeCHexEscape(status.last_problem);
+  if (!status.last_problem.empty()) line += "; " + PlainText(status.last_problem);
   return line;
 }
 
@@ -71,7 +71,7 @@ std::string LiveView::Draw(Clock::time_point now) {
 std::string LiveView::DaemonLines(Clock::time_point now) const {
   std::string text;
   if (const std::string problem = replica_.BusProblem(); !problem.empty()) {
-    text = absl::Utf8SafeCHexEscape(problem) + "\n";
+    text = PlainText(problem) + "\n";
   } else if (daemons_.empty()) {
     text = "no daemon is heard; does splinemapd run on this bus?\n";
   }
@@ -90,14 +90,13 @@ std::string LiveView::LayerLines(double passed_s) {
   std::string text = fmt::format("{:<20} {:>5} {:>7} {:>9} {:>12} {:>11} {:>9}\n", "layer", "start",
                                  "tiles", "commit", "state of", "tiles asked", "unusable");
   for (const FollowedLayer& layer : replica_.Layers()) {
-    text +=
-        fmt::format("{:<20} {:>5} {:>7} {:>9} {:>12} {:>11} {:>9}  {}\n",
-                    absl::Utf8SafeCHexEscape(layer.id.name), layer.epoch.incarnation, layer.tiles,
-                    layer.revision, Staleness(layer.staleness_ms), layer.counts.asked_tiles,
-                    layer.counts.unusable, layer.in_sync ? "in sync" : "not in sync");
+    text += fmt::format("{:<20} {:>5} {:>7} {:>9} {:>12} {:>11} {:>9}  {}\n",
+                        PlainText(layer.id.name), layer.epoch.incarnation, layer.tiles,
+                        layer.revision, Staleness(layer.staleness_ms), layer.counts.asked_tiles,
+                        layer.counts.unusable, layer.in_sync ? "in sync" : "not in sync");
   }
   for (const std::string& refused : replica_.Refused()) {
-    text += fmt::format("not followed: {}\n", absl::Utf8SafeCHexEscape(refused));
+    text += fmt::format("not followed: {}\n", PlainText(refused));
   }
   const int64_t bytes = replica_.BytesReceived();
   text += fmt::format("{:.1f} kB/s received, {:.1f} MB in all\n",

@@ -3,6 +3,7 @@
 #include <exception>
 
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 
@@ -56,10 +57,10 @@ int Main(int argc, char** argv) {
   try {
     const absl::StatusOr<int> status = chosen();
     if (status.ok()) return *status;
-    std::fprintf(stderr, "splinemap: %s\n", ErrorText(status.status()).c_str());
+    fmt::print(stderr, "splinemap: {}\n", PlainLines(ErrorText(status.status())));
     return absl::IsInvalidArgument(status.status()) ? kUsage : kFailed;
   } catch (const std::exception& exception) {  // out of memory, say
-    std::fprintf(stderr, "splinemap: %s\n", exception.what());
+    Say(stderr, "splinemap: {}", exception.what());
     return kFailed;
   }
 }

@@ -8,6 +8,7 @@
 #include "clients/splinemap/layer_lines.h"
 #include "clients/splinemap/layer_name.h"
 #include "clients/splinemap/progress.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/status.h"
 #include "lib/map/layer_union.h"
 
@@ -65,10 +66,9 @@ class Merger {
 
   // Says what people may not expect. False where copies of a layer contradict each other.
   bool Report(const MapSnapshot& merged) const {
-    for (const std::string& note : notes_) fmt::print(stderr, "{}\n", note);
+    for (const std::string& note : notes_) Say(stderr, "{}", note);
     for (const LayerId& id : union_->Removed()) {
-      fmt::print(stderr, "{} is left out: {}\n", NameOf(id),
-                 TextOf(merged.controls.Of(id), std::nullopt));
+      Say(stderr, "{} is left out: {}", NameOf(id), TextOf(merged.controls.Of(id), std::nullopt));
     }
     std::map<std::string, std::vector<std::string>> names;
     for (const LayerSnapshot& layer : merged.layers) {
@@ -76,9 +76,8 @@ class Merger {
     }
     for (const auto& [name, layers] : names) {
       if (layers.size() == 1) continue;
-      fmt::print(stderr,
-                 "{} stay apart: two robots of one name, a new computer, or a map begun anew\n",
-                 fmt::join(layers, " and "));
+      Say(stderr, "{} stay apart: two robots of one name, a new computer, or a map begun anew",
+          fmt::join(layers, " and "));
     }
     return !has_contradictions_;
   }
@@ -134,8 +133,8 @@ absl::StatusOr<int> Merge(const Flags& flags) {
   const std::shared_ptr<const MapSnapshot> merged = merger.Snapshot();
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(*merged, flags.output.out));
   const bool is_consistent = merger.Report(*merged);
-  fmt::print(stderr, "merged {} files: {} layers, {} tiles in {}\n", flags.maps.size(),
-             merged->layers.size(), merged->merged.size(), flags.output.out);
+  Say(stderr, "merged {} files: {} layers, {} tiles in {}", flags.maps.size(),
+      merged->layers.size(), merged->merged.size(), flags.output.out);
   return is_whole && is_consistent ? kSuccess : kFailed;
 }
 

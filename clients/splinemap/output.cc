@@ -8,6 +8,7 @@
 
 #include "absl/cleanup/cleanup.h"
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 
@@ -78,9 +79,9 @@ int ReportDamages(const LoadedMap& loaded) {
   constexpr size_t kMaxLines = 20;
   const size_t count = loaded.damages.size();
   for (size_t k = 0; k < std::min(count, kMaxLines); ++k) {
-    fmt::print(stderr, "{}\n", loaded.damages[k]);
+    Say(stderr, "{}", loaded.damages[k]);
   }
-  if (count > kMaxLines) fmt::print(stderr, "and {} more\n", count - kMaxLines);
+  if (count > kMaxLines) Say(stderr, "and {} more", count - kMaxLines);
   return count == 0 ? kSuccess : kFailed;
 }
 

@@ -10,6 +10,7 @@
 #include "clients/splinemap/asked_map.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/region_flag.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 
@@ -88,8 +89,8 @@ absl::StatusOr<int> AskRaster(const Flags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(is_csv ? WriteCells(answer, grid, file)
                                    : WritePng(ToRaster(answer, grid), file));
   SPLINEMAP_RETURN_IF_ERROR(file.Commit());
-  fmt::print(stderr, "{}: {} x {} pixels of {} m, lower left corner at {}, {} m\n", out, grid.width,
-             grid.height, grid.pixel_m, grid.left_m, grid.bottom_m());
+  Say(stderr, "{}: {} x {} pixels of {} m, lower left corner at {}, {} m", out, grid.width,
+      grid.height, grid.pixel_m, grid.left_m, grid.bottom_m());
   return asked.exit_status;
 }
 

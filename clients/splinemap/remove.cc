@@ -4,6 +4,7 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/layer_name.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/map/map_edits.h"
@@ -28,9 +29,9 @@ absl::StatusOr<int> Remove(const Flags& flags) {
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const auto rest, WithoutLayers(*loaded.map, removed, RandomId()));
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(*rest, flags.output.out));
-  for (const LayerId& id : removed) fmt::print(stderr, "{} is removed\n", NameOf(id));
-  fmt::print(stderr, "{} layers, {} tiles in {}\n", rest->layers.size(), rest->merged.size(),
-             flags.output.out);
+  for (const LayerId& id : removed) Say(stderr, "{} is removed", NameOf(id));
+  Say(stderr, "{} layers, {} tiles in {}", rest->layers.size(), rest->merged.size(),
+      flags.output.out);
   return loaded.damages.empty() ? kSuccess : kFailed;
 }
 

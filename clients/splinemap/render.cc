@@ -4,6 +4,7 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/preview.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/render/raster.h"
@@ -36,8 +37,8 @@ absl::StatusOr<int> Render(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(NewFile file, NewFile::Create(flags.out));
   SPLINEMAP_RETURN_IF_ERROR(WritePng(RenderMap(*loaded.map, grid), file));
   SPLINEMAP_RETURN_IF_ERROR(file.Commit());
-  std::fprintf(stderr, "%s: %d x %d pixels of %.4g m, left %.4g m, top %.4g m\n", flags.out.c_str(),
-               grid.width, grid.height, grid.pixel_m, grid.left_m, grid.top_m);
+  Say(stderr, "{}: {} x {} pixels of {:.4g} m, left {:.4g} m, top {:.4g} m", flags.out, grid.width,
+      grid.height, grid.pixel_m, grid.left_m, grid.top_m);
   return ReportDamages(loaded);
 }
 

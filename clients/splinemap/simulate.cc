@@ -6,6 +6,7 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/progress.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/config/checked_text.h"
@@ -81,9 +82,8 @@ absl::StatusOr<int> Simulate(const Flags& flags) {
     google::protobuf::TextFormat::PrintToString(world, &text);
     SPLINEMAP_RETURN_IF_ERROR(WriteFile(flags.world_path, text));
   }
-  std::fprintf(stderr, "%ld scans and %ld poses over %.1f s written to %s\n",
-               static_cast<long>(scans), static_cast<long>(poses), drive.duration_s(),
-               flags.files.back().c_str());
+  Say(stderr, "{} scans and {} poses over {:.1f} s written to {}", scans, poses, drive.duration_s(),
+      flags.files.back());
   return kSuccess;
 }
 

@@ -3,11 +3,11 @@
 #include <memory>
 #include <thread>
 
-#include "absl/strings/escaping.h"
 #include "clients/replica/map_replica.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/progress.h"
 #include "clients/splinemap/region_flag.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/status.h"
 #include "lib/logs/lcm_log.h"
 
@@ -25,7 +25,7 @@ struct Flags {
   bool force = false;
 };
 
-std::string Name(const FollowedLayer& layer) { return absl::Utf8SafeCHexEscape(layer.id.name); }
+std::string Name(const FollowedLayer& layer) { return PlainText(layer.id.name); }
 
 // Every daemon says once a second what it has; in this time nearly always all of them are heard.
 constexpr std::chrono::duration<double> kHearAll(2.5);
@@ -55,7 +55,7 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
   }
   std::string missing;
   for (const std::string& refused : replica.Refused()) {
-    missing += fmt::format("; not followed: {}", absl::Utf8SafeCHexEscape(refused));
+    missing += fmt::format("; not followed: {}", PlainText(refused));
   }
   for (const FollowedLayer& layer : replica.Layers()) {
     if (!layer.in_sync || !layer.is_equal)
@@ -66,7 +66,7 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
     if (!layers.empty() && std::none_of(layers.begin(), layers.end(), [&](const FollowedLayer& l) {
           return MatchesName(name, l.id.name);
         })) {
-      missing += fmt::format("; {} is not heard", absl::Utf8SafeCHexEscape(name));
+      missing += fmt::format("; {} is not heard", PlainText(name));
     }
   }
   if (missing.empty()) {
@@ -82,11 +82,10 @@ absl::StatusOr<int> Save(const MapSnapshot& map, const std::vector<std::string>&
                          const Flags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(map, flags.out));
   for (const std::string& name_and_why : refused) {
-    fmt::print(stderr, "left out: {}\n", absl::Utf8SafeCHexEscape(name_and_why));
+    Say(stderr, "left out: {}", name_and_why);
   }
   for (const LayerSnapshot& layer : map.layers) {
-    fmt::print(stderr, "{}: {} tiles, commit {}\n", absl::Utf8SafeCHexEscape(layer.id.name),
-               layer.tiles.size(), layer.revision);
+    Say(stderr, "{}: {} tiles, commit {}", layer.id.name, layer.tiles.size(), layer.revision);
   }
   return refused.empty() ? kSuccess : kFailed;
 }
@@ -108,7 +107,7 @@ absl::StatusOr<int> TakeFromLog(const Flags& flags) {
         },
         [&](double share) { bar.Show(share); });
   }
-  if (!read.ok()) fmt::print(stderr, "{}\n", ErrorText(read));
+  if (!read.ok()) Say(stderr, "{}", ErrorText(read));
   const auto map = follower.WholeSnapshot();
   if (map->layers.empty()) {
     return FailedPrecondition(
@@ -122,8 +121,7 @@ absl::StatusOr<int> TakeFromLog(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(int exit_status, Save(*map, follower.refused(), flags));
   for (const FollowedLayer& layer : follower.Layers(now)) {
     if (layer.is_equal) continue;
-    fmt::print(stderr, "{}: what follows commit {} is not whole in the log\n", Name(layer),
-               layer.revision);
+    Say(stderr, "{}: what follows commit {} is not whole in the log", Name(layer), layer.revision);
     exit_status = kFailed;
   }
   return read.ok() ? exit_status : kFailed;

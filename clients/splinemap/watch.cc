@@ -7,6 +7,7 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/live_view.h"
+#include "clients/splinemap/say.h"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/lcm_bus.h"
@@ -89,19 +90,21 @@ absl::StatusOr<int> Watch(const Flags& flags) {
   bus->Subscribe(channel, [&](const std::string&, absl::Span<const uint8_t> message) {
     const absl::StatusOr<status_t> status = DecodeStatus(message);
     if (!status.ok()) {
-      fmt::print(stderr, "{}: {}\n", channel, ErrorText(status.status()));
+      Say(stderr, "{}: {}", channel, ErrorText(status.status()));
       return;
     }
     ++seen;
-    const auto replace = nlohmann::json::error_handler_t::replace;  // text from the bus
-    fmt::print("{}\n",
-               flags.json ? ToJson(*status).dump(-1, ' ', false, replace) : StatusLine(*status));
+    if (flags.json) {
+      PrintJson(ToJson(*status), -1);
+    } else {
+      Say(stdout, "{}", StatusLine(*status));
+    }
     is_written = std::fflush(stdout) == 0;
   });
   const auto timeout = std::chrono::duration<double>(flags.timeout_s);
   for (auto heard = Clock::now(); Clock::now() - heard < timeout;) {
     if (bus->Handle(kTick) == LcmBus::Handled::kMessage) heard = Clock::now();
-    if (const auto news = bus->TakeNews()) fmt::print(stderr, "{}\n", *news);
+    if (const auto news = bus->TakeNews()) Say(stderr, "{}", *news);
     if (!is_written) return kFailed;  // whom it wrote to went
     if (flags.once && seen > 0) return kSuccess;
   }

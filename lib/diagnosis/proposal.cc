@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -238,7 +239,7 @@ absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& giv
     return InvalidArgument(
         "the robot drove and turned too little to tell which poses are best; listen longer, or "
         "choose:\n  --pose {}",
-        fmt::join(poses, "\n  --pose "));
+        PlainLines(fmt::format("{}", fmt::join(poses, "\n  --pose "))));
   }
   proposal.pose = sharpest != nullptr ? sharpest->pose : poses.front();
   for (const config::Scan& scan : config.scan()) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "lib/base/did_you_mean.h"
+#include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 #include "lib/diagnosis/drive_sample.h"
 #include "lib/logs/lcm_log.h"
@@ -33,7 +34,7 @@ absl::StatusOr<std::string> OnlyChannel(const Survey& survey, bool (*is_kind)(Me
       "several channels carry {}; choose with {} (splinemap doctor tells which is sharpest):", kind,
       flag);
   for (const SurveyedChannel& channel : fitting) {
-    text += fmt::format("\n  {} {:<20} {:>7.1f} Hz, {} messages of {}", flag, channel.name,
+    text += fmt::format("\n  {} {:<20} {:>7.1f} Hz, {} messages of {}", flag, PlainText(channel.name),
                         channel.rate_hz, channel.messages, TypeName(*channel.type));
   }
   return absl::InvalidArgumentError(text);
@@ -45,7 +46,7 @@ absl::Status CheckChannel(const Survey& survey, const std::string& name,
   for (const SurveyedChannel& channel : survey.channels()) {
     const bool fits = channel.type && is_kind(*channel.type);
     if (channel.name == name && fits) return absl::OkStatus();
-    if (fits) names.push_back(channel.name);
+    if (fits) names.push_back(PlainText(channel.name));
   }
   return InvalidArgument("{} is no channel of {}{}; there are: {}", name, kind,
                          DidYouMean(name, names),

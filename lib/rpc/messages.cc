@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -143,7 +144,7 @@ std::string ReplyChannel(const std::string& channel_prefix, uint64_t client) {
 }
 
 absl::Status StatusOf(const reply_t& head) {
-  return {static_cast<absl::StatusCode>(head.status), head.status_text};
+  return {static_cast<absl::StatusCode>(head.status), PlainText(head.status_text)};
 }
 
 void SetStatus(const absl::Status& status, reply_t& head) {

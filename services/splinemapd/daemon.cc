@@ -6,7 +6,6 @@
 #include <filesystem>
 #include <utility>
 
-#include "absl/strings/escaping.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/replication/channels.h"
@@ -224,7 +223,7 @@ void Daemon::ReportDamages(const LoadedMap& loaded) {
       fmt::format("{}: {} damages, of which the next save leaves nothing; the file is kept as {}",
                   MapPath(config_), damages.size(), loaded.kept_copy);
   for (size_t k = 0; k < std::min(damages.size(), kMaxLines); ++k) text += "; " + damages[k];
-  Report({.subject = "damage", .text = absl::Utf8SafeCHexEscape(text)});
+  Report({.subject = "damage", .text = std::move(text)});
 }
 
 void Daemon::Receive(const std::stop_token& stop) {

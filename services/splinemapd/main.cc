@@ -1,5 +1,6 @@
 #include <pthread.h>
 #include <signal.h>
+#include <spdlog/pattern_formatter.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
@@ -8,7 +9,11 @@
 #include <chrono>
 #include <cstdio>
 #include <ctime>
+#include <memory>
+#include <string>
+#include <utility>
 
+#include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 #include "lib/config/checked_text.h"
 #include "lib/config/flags.h"
@@ -129,6 +134,19 @@ class Signals {
   sigset_t set_;
 };
 
+// The text of a line of the log, which may have names of a bus or a file in it.
+class PlainPayload : public spdlog::custom_flag_formatter {
+ public:
+  void format(const spdlog::details::log_msg& message, const std::tm&,
+              spdlog::memory_buf_t& line) override {
+    const std::string text = PlainText({message.payload.data(), message.payload.size()});
+    line.append(text.data(), text.data() + text.size());
+  }
+  std::unique_ptr<custom_flag_formatter> clone() const override {
+    return std::make_unique<PlainPayload>();
+  }
+};
+
 absl::Status Run(const config::Config& config) {
   const Signals signals;
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(config.lcm_url()));
@@ -142,7 +160,9 @@ absl::Status Run(const config::Config& config) {
 
 int Main(int argc, char** argv) {
   spdlog::set_default_logger(spdlog::stderr_color_mt("splinemapd"));
-  spdlog::set_pattern("%H:%M:%S %^%l%$ %v");
+  auto formatter = std::make_unique<spdlog::pattern_formatter>();
+  formatter->add_flag<PlainPayload>('*').set_pattern("%H:%M:%S %^%l%$ %*");
+  spdlog::set_formatter(std::move(formatter));
   CLI::App app("splinemapd: maps LCM scans and poses into a continuous occupancy map.");
   Flags flags;
   AddFlags(app, flags);
@@ -153,7 +173,7 @@ int Main(int argc, char** argv) {
   }
   const absl::StatusOr<config::Config> config = ConfigOf(flags);
   if (!config.ok()) {
-    std::fprintf(stderr, "%s\n", ErrorText(config.status()).c_str());
+    fmt::print(stderr, "{}\n", PlainLines(ErrorText(config.status())));
     return kUsage;
   }
   if (flags.print_config) {
@@ -161,7 +181,7 @@ int Main(int argc, char** argv) {
     return 0;
   }
   if (absl::Status status = CheckConfig(*config); !status.ok()) {
-    std::fprintf(stderr, "%s\n", ErrorText(status).c_str());
+    fmt::print(stderr, "{}\n", PlainLines(ErrorText(status)));
     return kUsage;
   }
   if (flags.check_config) {

@@ -1,0 +1,148 @@
+// hostile_names bus | log FILE | map FILE: escape codes, line ends and bytes that are no UTF-8 in
+// every text that splinemap takes. Publishes them, as daemons and robots would, and answers who
+// asks; or writes a log whose channels, or a map whose layers have such names.
+#include <fmt/format.h>
+
+#include <chrono>
+#include <cmath>
+#include <string>
+
+#include "lib/base/random.h"
+#include "lib/base/status.h"
+#include "lib/logs/lcm_log.h"
+#include "lib/store/map_file.h"
+#include "lib/wire/decode.h"
+#include "lib/wire/encode.h"
+#include "lib/wire/lcm_bus.h"
+
+namespace splinemap {
+namespace {
+
+// Marked by X, which says where it came out.
+std::string Hostile(const std::string& x) { return x + "\x1b[2J\n\r\x9b\x07\xff\xc2\x9b" + x; }
+
+status_t Status() {
+  status_t status{};
+  status.name = Hostile("Xname");
+  status.version = Hostile("Xversion");
+  status.drop_reasons = {Hostile("Xreason")};
+  status.drop_counts = {1};
+  status.num_drop_reasons = 1;
+  status.problems = {Hostile("Xproblem")};
+  status.problem_counts = {1};
+  status.num_problems = 1;
+  status.last_problem = Hostile("Xlast");
+  return status;
+}
+
+layers_t Layers() {
+  layers_t layers{};
+  layers.name = Hostile("Xdaemon");
+  layers.refused = {Hostile("Xrefused")};
+  layers.num_refused = 1;
+  layer_status_t layer{};
+  layer.name = Hostile("Xlayer");
+  layer.state = Hostile("Xstate");
+  layers.layers = {layer};
+  layers.num_layers = 1;
+  return layers;
+}
+
+// Of a layer that cannot be followed, which is said with its name; one that can, but for what is
+// missing; and two of one name.
+layer_digest_t Digest(const std::string& name, int64_t origin, double knot_interval_m) {
+  layer_digest_t digest{};
+  digest.layer.name = Hostile(name);
+  digest.layer.origin = origin;
+  digest.layer.incarnation = 1;
+  digest.layer.nonce = 1;
+  digest.protocol_version = 1;
+  digest.knot_interval_m = knot_interval_m;
+  digest.min_control_point = -2560;
+  digest.max_control_point = 2560;
+  digest.revision = 1;
+  digest.state = 1;
+  return digest;
+}
+
+absl::Status Shout() {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto bus, LcmBus::Open(""));
+  bus->Subscribe("SPLINEMAP_POINTS_REQUESTS",
+                 [&](const std::string&, absl::Span<const uint8_t> message) {
+                   const auto request = DecodeRpc<points_request_t>(message);
+                   if (!request.ok()) return;
+                   points_reply_t reply{};
+                   reply.head.id = request->head.id;
+                   reply.head.name = Hostile("Xrobot");
+                   reply.head.daemon_nonce = 7;
+                   reply.head.incarnation = 1;
+                   if (request->num_points > 0) {
+                     reply.head.status = 3;
+                     reply.head.status_text = Hostile("Xtext");
+                   }
+                   const auto client = static_cast<uint64_t>(request->head.client);
+                   bus->Publish(fmt::format("SPLINEMAP_REPLIES_{:016x}", client), reply);
+                 });
+  for (auto next = std::chrono::steady_clock::now();; bus->Handle(std::chrono::milliseconds(10))) {
+    if (std::chrono::steady_clock::now() < next) continue;
+    next += std::chrono::milliseconds(200);
+    bus->Publish("SPLINEMAP_STATUS", Status());
+    bus->Publish("SPLINEMAP_LAYERS", Layers());
+    bus->Publish("SPLINEMAP_DIGESTS", Digest("Xcoarse", 1, 0.77));
+    bus->Publish("SPLINEMAP_DIGESTS", Digest("Xmissing", 2, 0.05));
+    bus->Publish("SPLINEMAP_DIGESTS", Digest("Xtwice", 3, 0.05));
+    bus->Publish("SPLINEMAP_DIGESTS", Digest("Xtwice", 4, 0.05));
+    // liblcm subscribes to no channel with an end of line, or no UTF-8, in its name.
+    bus->Publish("Xchannel\x1b[2J\x07", PoseMessage({}));
+    const uint8_t wrong_type[16] = {1};
+    for (const char* channel : {"LASER", "POSE"}) bus->PublishBytes(channel, wrong_type);
+  }
+}
+
+absl::Status WriteLog(const std::string& path) {
+  SPLINEMAP_ASSIGN_OR_RETURN(LcmLogWriter writer, LcmLogWriter::Create(path));
+  for (int n = 0; n < 100; ++n) {
+    const Utime utime(1'000'000 + 100'000 * n);
+    for (const char* pose : {"Xpose1", "Xpose2"}) {
+      SPLINEMAP_RETURN_IF_ERROR(
+          writer.Write(utime, Hostile(pose), PoseMessage({utime, {{0.01 * n, 0}, 0.01 * n}})));
+    }
+    for (const char* scan : {"Xscan1", "Xscan2"}) {
+      SPLINEMAP_RETURN_IF_ERROR(
+          writer.Write(utime, Hostile(scan),
+                       PlanarLidarMessage(utime, std::vector<float>(90, 3), 0, M_PI / 45)));
+    }
+  }
+  return writer.Close();
+}
+
+absl::Status WriteMap(const std::string& path) {
+  Map map({0.05, {-2560, 2560}});
+  for (const char* name : {"Xfirst", "Xsecond", "Xmuted"}) {
+    Layer& layer = map.AddLayer({Hostile(name), RandomId()}, {1, 1});
+    layer.BeginCommit();
+    layer.EditTile({0, 0}).control_points.fill(static_cast<ControlPoint>(1 + RandomId() % 100));
+  }
+  MapSnapshot snapshot = *map.Snapshot();
+  LayerControl muted;
+  muted.muted = true;
+  muted.counter = 1;
+  snapshot.controls.Take(snapshot.layers.back().id, muted);
+  SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(path));
+  SPLINEMAP_RETURN_IF_ERROR(file.Save(snapshot));
+  return file.Close();
+}
+
+absl::Status Run(const std::string& what, const std::string& path) {
+  if (what == "log") return WriteLog(path);
+  return what == "map" ? WriteMap(path) : Shout();
+}
+
+}  // namespace
+}  // namespace splinemap
+
+int main(int argc, char** argv) {
+  const absl::Status status = splinemap::Run(argc > 1 ? argv[1] : "bus", argc > 2 ? argv[2] : "");
+  if (!status.ok()) fmt::print(stderr, "hostile_names: {}\n", splinemap::ErrorText(status));
+  return status.ok() ? 0 : 1;
+}
