@@ -215,7 +215,7 @@ class Fuzz {
 
   absl::Status WriteFirstFile() {
     SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(config_.map()));
-    SPLINEMAP_RETURN_IF_ERROR(file.Save(*map_));
+    SPLINEMAP_RETURN_IF_ERROR(file.Save(*map_).status());
     return file.Close();
   }
 

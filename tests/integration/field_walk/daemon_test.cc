@@ -154,7 +154,8 @@ class Site {
   // The layer of the owner is to be live with what it has mapped, and what others have never.
   std::string WhatIsNotLive() {
     bool is_live = false;
-    for (const layer_status_t& layer : daemon_->Layers().value().layers) {
+    const layers_t layers = daemon_->Layers().value();
+    for (const layer_status_t& layer : layers.layers) {
       if (layer.state != "live") continue;
       const bool is_owners =
           LayerId{layer.name, static_cast<uint64_t>(layer.origin)} == owner_.life().id;

@@ -193,7 +193,9 @@ class World {
     map.layers = keeper_.LayerSnapshots();
     map.layers.insert(map.layers.begin(), Kept()->layers[0]);
     map.controls = keeper_.controls();
-    if (const auto saved = file.Save(map); !saved.ok()) return std::string(saved.message());
+    const auto left_out = file.Save(map);
+    if (!left_out.ok()) return std::string(left_out.status().message());
+    if (!left_out->empty()) return left_out->front();
     const auto loaded = ReadMapFile(path);
     if (!loaded.ok()) return std::string(loaded.status().message());
     if (!loaded->damages.empty()) return loaded->damages[0];
