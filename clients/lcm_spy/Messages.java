@@ -36,7 +36,7 @@ final class Messages {
     control_records_t controls = new control_records_t();
     controls.sender = in.getLong();
     controls.hash = in.getLong();
-    controls.num_records = count(in, 4 + 8 + 2 + 2 * 4 + 3 * 8 + 3 * 8);
+    controls.num_records = count(in, 4 + 8 + 2 + 2 * 4 + 3 * 8 + 3 * 8 + 1);
     controls.records = new layer_control_t[controls.num_records];
     for (int k = 0; k < controls.num_records; ++k) controls.records[k] = control(in);
     check(!in.hasRemaining());
@@ -102,6 +102,7 @@ final class Messages {
     control.counter = in.getLong();
     control.writer = in.getLong();
     control.removed_up_to = in.getLong();
+    control.has_layer = in.get() != 0;
     return control;
   }
 

@@ -36,6 +36,9 @@ constexpr uint64_t kMaxAhead = uint64_t{1} << 20;
 constexpr milliseconds kRenewal(5000);
 
 constexpr int64_t kMaxLate_us = 5'000'000;
+// No message is later than that: a digest of a lesser state that comes then is the owner's, and the
+// one before was not.
+constexpr milliseconds kMaxLateness(2500);
 
 // Whether a digest is older than one that came before it, or the same. Of one state the time stamps
 // tell; but the owner's clock may be set back, which is by more than a message is late.
@@ -171,10 +174,15 @@ void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point n
   }
   if (!Admit(digest.layer)) return;
   if (owners_digest_ && WasOvertaken(digest, *owners_digest_)) {
-    ++counts_.stale;
-    return;
+    if (now - owners_digest_heard_ <= kMaxLateness) {
+      ++counts_.stale;
+      return;
+    }
+    GiveUpCheck();  // with what was no digest of the owner
+    wanted_.clear();
   }
   owners_digest_ = digest;
+  owners_digest_heard_ = now;
   CompareWith(digest, /*is_owners=*/true, now);
 }
 

@@ -164,6 +164,7 @@ class LayerFollower {
   bool owner_is_silent_ = false;          // as of the last Tick()
   std::optional<layer_digest_t> digest_;  // the last of this life
   std::optional<layer_digest_t> owners_digest_;
+  Clock::time_point owners_digest_heard_;
   std::optional<stand_in_digest_t> stand_in_digest_;
   TileTreeEditor tiles_;
   HashIndex index_;     // of tiles_

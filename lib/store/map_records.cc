@@ -224,6 +224,10 @@ class MapReader {
     const auto record = RecordOf<store::LayerRecord>(bytes);
     if (!record) return Damage("the record of a layer cannot be read");
     if (record->has_map() && OptionsOf(record->map())) map_copy_ = record->map();
+    if (record->row() != 0 && record->row() != row) {
+      Damage(fmt::format("layer {} stands in row {} in place of {}", Shown(record->name()), row,
+                         record->row()));
+    }
     records_.insert_or_assign(record->row() != 0 ? record->row() : row, *record);
   }
 

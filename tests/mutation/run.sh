@@ -70,6 +70,7 @@ mutate hash_is_of_the_present_tiles lib/replication/hash_index.cc 'hash_ \+= cha
 mutate digest_is_of_what_is_published "$publisher" 'digest\.hash = static_cast<int64_t>\(index_\.hash\(\)\)' 'digest.hash = 1'
 mutate other_version_is_not_followed "$follower" 'digest\.protocol_version != kProtocolVersion' 'false'
 mutate overtaken_digests_are_ignored "$follower" 'owners_digest_ && WasOvertaken\(digest, \*owners_digest_\)' 'false'
+mutate digests_are_not_late_for_ever "$follower" 'now - owners_digest_heard_ <= kMaxLateness' 'true'
 mutate check_covers_all_quarters "$follower" 'for \(const int32_t x : \{-1, 0\}\)' 'for (const int32_t x : {0})'
 mutate what_differs_is_pulled "$follower" 'Want\(child, revision, now\);' ''
 mutate asks_are_repeated "$follower" 'wanted\.due = now \+ kRetry' 'wanted.due = now + 1000000 * kRetry'

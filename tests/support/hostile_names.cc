@@ -129,7 +129,7 @@ absl::Status WriteMap(const std::string& path) {
   muted.counter = 1;
   snapshot.controls.Take(snapshot.layers.back().id, muted);
   SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(path));
-  SPLINEMAP_RETURN_IF_ERROR(file.Save(snapshot));
+  SPLINEMAP_RETURN_IF_ERROR(file.Save(snapshot).status());
   return file.Close();
 }
 

@@ -666,6 +666,23 @@ TEST(ReplicationTest, OneForgedDigestDoesNotReplaceALayer) {
   EXPECT_TRUE(world.IsEqual(0));
 }
 
+TEST(ReplicationTest, ADigestOfAForgedStateHidesTheOwnersForSecondsOnly) {
+  World world({}, {}, 27);
+  world.AddFollower();
+  world.Commit(5);
+  world.Run(milliseconds(3000));
+  layer_digest_t digest = world.last_digest();
+  digest.state += int64_t{1} << 40;
+  digest.hash = 99;
+  world.follower(0).TakeDigest(digest, world.network().now());
+  for (int n = 0; n < 5; ++n) {
+    world.Commit(5);
+    world.Run(milliseconds(1000));
+  }
+  world.Run(milliseconds(1500));
+  EXPECT_TRUE(world.AllInSync());
+}
+
 TEST(ReplicationTest, AForgedDigestThatComesFirstIsForgottenForTheOwners) {
   World world({}, {}, 26);
   world.Commit(5);
