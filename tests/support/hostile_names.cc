@@ -58,6 +58,7 @@ layer_digest_t Digest(const std::string& name, int64_t origin, double knot_inter
   digest.layer.nonce = 1;
   digest.protocol_version = 1;
   digest.knot_interval_m = knot_interval_m;
+  digest.root_level = 1;
   digest.min_control_point = -2560;
   digest.max_control_point = 2560;
   digest.revision = 1;
