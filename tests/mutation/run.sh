@@ -56,7 +56,7 @@ mutate greater_life_replaces "$follower" 'life\.epoch > \*epoch_\) BeginLife' 'f
 mutate life_begins_empty "$follower" 'tiles_ = TileTreeEditor\(\);\n  index_ = \{\};' ''
 mutate lesser_life_is_ignored "$follower" 'if \(epoch_ && life\.epoch < \*epoch_\)' 'if (false)'
 mutate only_the_present_life_counts "$follower" 'epoch_ && life\.epoch == \*epoch_ && life' 'life'
-mutate newest_revision_wins "$follower" 'update\.revision < least' 'false'
+mutate newest_revision_wins "$follower" 'update\.revision < least' 'update.revision < least && false'
 mutate incarnation_is_greater_than_heard "$identity" 'heard \+ 1' 'own.epoch.incarnation + 1'
 mutate lesser_owner_takes_another_origin "$identity" 'next\.life\.id\.origin = random;' ''
 mutate follower_tells_of_a_later_life "$follower" 'next_objection_ = now \+ random_\.UpTo\(kObjection\);' ''
