@@ -34,8 +34,9 @@ absl::StatusOr<std::string> OnlyChannel(const Survey& survey, bool (*is_kind)(Me
       "several channels carry {}; choose with {} (splinemap doctor tells which is sharpest):", kind,
       flag);
   for (const SurveyedChannel& channel : fitting) {
-    text += fmt::format("\n  {} {:<20} {:>7.1f} Hz, {} messages of {}", flag, PlainText(channel.name),
-                        channel.rate_hz, channel.messages, TypeName(*channel.type));
+    text +=
+        fmt::format("\n  {} {:<20} {:>7.1f} Hz, {} messages of {}", flag, PlainText(channel.name),
+                    channel.rate_hz, channel.messages, TypeName(*channel.type));
   }
   return absl::InvalidArgumentError(text);
 }

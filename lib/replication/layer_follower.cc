@@ -264,7 +264,8 @@ void LayerFollower::LookForMatch(Clock::time_point now) {
   in_sync_ = true;
   last_match_ = done->begin;
   lag_s_ = done->digest.lag_s;
-  if (done->is_undisturbed && unlisted_.empty()) checked_hash_ = static_cast<uint64_t>(done->digest.hash);
+  if (done->is_undisturbed && unlisted_.empty())
+    checked_hash_ = static_cast<uint64_t>(done->digest.hash);
   revision_ = static_cast<uint64_t>(done->digest.revision);
   newest_revision_ = std::max(newest_revision_, revision_);
   if (is_equal_) {

@@ -53,8 +53,9 @@ class MapFile {
   // what this one did not.
   absl::StatusOr<std::vector<std::string>> Save(const MapSnapshot& snapshot);
 
-  // The same for all of the map, in a new file at `path`, where nothing may stand, and goes on there:
-  // for a file that is not there any more or cannot be written. After a failure nothing has changed.
+  // The same for all of the map, in a new file at `path`, where nothing may stand, and goes on
+  // there: for a file that is not there any more or cannot be written. After a failure nothing has
+  // changed.
   absl::StatusOr<std::vector<std::string>> SaveElsewhere(const std::string& path,
                                                          const MapSnapshot& snapshot);
 

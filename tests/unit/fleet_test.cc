@@ -81,10 +81,10 @@ class Robot {
                    : &map_->ContinueLayer(*own, epoch);
     }
     identity_ = {};
-    follower_ = std::make_unique<MapFollower>(FollowOptions{},
-                                              Keeper{kOptions, id(), random_(), PublisherOptions{},
-                                                     layer_->epoch().incarnation},
-                                              file_, random_(), now);
+    follower_ = std::make_unique<MapFollower>(
+        FollowOptions{},
+        Keeper{kOptions, id(), random_(), PublisherOptions{}, layer_->epoch().incarnation}, file_,
+        random_(), now);
     Publish();
     Save();  // the new incarnation
   }
