@@ -171,12 +171,12 @@ class World {
     message.num_bytes = static_cast<int32_t>(message.content.size());
     for (const auto& follower : followers_) follower->TakeUpdates(updates);
   }
-  // A start of the owner that never was, without tiles.
-  void ForgeDigest(uint64_t incarnation) {
+  // A start of the owner that never was: without tiles, or with one of this hash that nobody has.
+  void ForgeDigest(uint64_t incarnation, int64_t hash = 0) {
     layer_digest_t digest = last_digest_;
     digest.layer.incarnation = static_cast<int64_t>(incarnation);
-    digest.num_tiles = 0;
-    digest.hash = 0;
+    digest.num_tiles = hash == 0 ? 0 : 1;
+    digest.hash = hash;
     digest.revision = 0;
     for (const auto& follower : followers_) follower->TakeDigest(digest, network_.now());
   }
@@ -681,6 +681,24 @@ TEST(ReplicationTest, ADigestOfAForgedStateHidesTheOwnersForSecondsOnly) {
   }
   world.Run(milliseconds(1500));
   EXPECT_TRUE(world.AllInSync());
+}
+
+TEST(ReplicationTest, ALifeThatNobodyHasIsGivenUpForTheOneBeforeThoughItWasSpokenOfForLong) {
+  World world({}, {}, 28);
+  world.AddFollower();
+  world.Commit(5);
+  world.Run(milliseconds(3000));
+  world.SilenceOwner(true);
+  for (int n = 0; n < 5; ++n) {
+    world.ForgeDigest(5, 99);
+    world.Run(milliseconds(1000));
+  }
+  EXPECT_EQ(world.follower(0).epoch().incarnation, 5u);
+  EXPECT_TRUE(world.IsEqual(0)) << "what was there is shown";
+  world.Run(milliseconds(12'000));
+  EXPECT_EQ(world.follower(0).epoch().incarnation, 1u);
+  EXPECT_FALSE(world.follower(0).ShowsPreviousLife());
+  EXPECT_TRUE(world.IsEqual(0));
 }
 
 TEST(ReplicationTest, AForgedDigestThatComesFirstIsForgottenForTheOwners) {
