@@ -117,6 +117,13 @@ shows() {
   java "$top/tests/integration/MapWindow.java" "$X" "$Y" "$WIDTH" "$HEIGHT" map.png > shown.log ||
     fail "$1: $(cat shown.log)"
 }
+# A busy machine maps on for a while.
+is_settled() {
+  local before=${revision:-}
+  revision=$(splinemap watch --once --json --timeout 3 | jq .revision)
+  [[ $revision == "$before" ]]
+}
+await is_settled
 # From the log: who follows the bus would ask for the decisions, and lcm-spy hear them, too.
 await splinemap snapshot --log heard.lcmlog sum.splinemap --robot robot --robot room --force
 shows sum.splinemap
