@@ -113,6 +113,7 @@ eval "$(xdotool search --name '^SPLINEMAP map$' getwindowgeometry --shell)"
 # shows MAP: the window comes to show what that file has.
 shows() {
   expect 0 splinemap render "$1" map.png --px-per-knot 1
+  xdotool search --name '^SPLINEMAP map$' windowraise  # a chart may have come to lie on it
   # shellcheck disable=SC2154  # xdotool says X, Y, WIDTH, HEIGHT
   java "$top/tests/integration/MapWindow.java" "$X" "$Y" "$WIDTH" "$HEIGHT" map.png > shown.log ||
     fail "$1: $(cat shown.log)"
