@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "clients/client/pending_query.h"
+#include "lib/base/clock.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 
@@ -52,9 +53,9 @@ MapClient::MapClient(std::unique_ptr<LcmBus> bus, const ClientOptions& options)
     bus_->Subscribe(flow_.ReplyChannel(),
                     [this](const std::string&, absl::Span<const uint8_t> message) {
                       MutexLock inner_lock(mutex_);
-                      flow_.HandleMessage(message, RequestFlow::Clock::now());
+                      flow_.HandleMessage(message, Clock::now());
                     });
-    flow_.Seek(RequestFlow::Clock::now());
+    flow_.Seek(Clock::now());
   }
   running_ = std::jthread([this](const std::stop_token& stop) { Run(stop); });
 }
@@ -83,7 +84,7 @@ void MapClient::Run(const std::stop_token& stop) {
   while (!stop.stop_requested()) {
     {
       MutexLock lock(mutex_);
-      flow_.Tick(RequestFlow::Clock::now());
+      flow_.Tick(Clock::now());
       if (flow_.daemon()) found_.notify_all();
     }
     Deliver();
@@ -118,7 +119,7 @@ MapClient::RequestId MapClient::Add(std::unique_ptr<PendingRequest> request,
   {
     MutexLock lock(mutex_);
     if (flow_.num_pending() < RequestFlow::kMaxRequests) {
-      const auto now = RequestFlow::Clock::now();
+      const auto now = Clock::now();
       id = flow_.Start(std::move(request), now + std::min(deadline, kLongestDeadline), now);
       outgoing = flow_.TakeOutgoing();
     }

@@ -12,6 +12,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "lib/base/clock.h"
 #include "lib/rpc/messages.h"
 
 namespace splinemap {
@@ -46,7 +47,6 @@ struct DaemonIdentity {
 // sockets of its own. Thread-compatible.
 class RequestFlow {
  public:
-  using Clock = std::chrono::steady_clock;
   static constexpr size_t kMaxUnderWay = 8;       // requests that wait for a reply
   static constexpr size_t kMaxRequests = 10'000;  // pending
 

@@ -15,6 +15,7 @@
 #include <memory>
 #include <utility>
 
+#include "lib/base/clock.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -159,9 +160,9 @@ absl::StatusOr<Path> PlanPath(const QueryableMap& map, const Region& bounds,
   const auto planner = std::make_shared<og::BITstar>(space);
   setup.setPlanner(planner);
 
-  const auto begin = std::chrono::steady_clock::now();
+  const auto begin = Clock::now();
   setup.solve(ob::PlannerTerminationCondition([&] {
-    const auto elapsed = std::chrono::steady_clock::now() - begin;
+    const auto elapsed = Clock::now() - begin;
     return !questions.status().ok() || elapsed > options.give_up_after ||
            (elapsed > options.improve_for && std::isfinite(planner->bestCost().value()));
   }));

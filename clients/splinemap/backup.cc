@@ -7,12 +7,12 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct BackupFlags {
   std::string map;
   MapOutput output;
 };
 
-absl::StatusOr<int> Backup(const Flags& flags) {
+absl::StatusOr<int> Backup(const BackupFlags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(CheckOutputOf({flags.map}, flags.output));
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadInput(flags.map, flags.output));
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(*loaded.map, flags.output.out));
@@ -23,7 +23,7 @@ absl::StatusOr<int> Backup(const Flags& flags) {
   return loaded.damages.empty() ? status : kFailed;
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kBackupExamples = R"(
 Example:
   splinemap backup robot.splinemap robot-monday.splinemap
 
@@ -33,9 +33,9 @@ written. A copy that cp makes of such a file may be torn.)";
 }  // namespace
 
 void AddBackup(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<BackupFlags>();
   CLI::App* command = app.add_subcommand("backup", "Copy a map, also while a daemon writes to it");
-  command->footer(kExamples);
+  command->footer(kBackupExamples);
   command->add_option("MAP", flags->map, "Map file")->required();
   command->add_option("OUT", flags->output.out, "Map file to write")->required();
   command->add_flag("--force", flags->output.force, "Replace the map file if it exists");

@@ -20,7 +20,7 @@ namespace {
 
 using std::chrono::milliseconds;
 
-struct Flags {
+struct BridgeFlags {
   std::string lcm_url;
   std::string channel = "SLAM_MAP";
   std::string region;
@@ -116,7 +116,7 @@ absl::StatusOr<michigan::occupancy_grid_t> GridMessage(const QueryableMap& map,
 }
 
 // Until the user ends it, or the map is too large.
-absl::StatusOr<int> BridgeOccupancyGrid(Flags flags) {
+absl::StatusOr<int> BridgeOccupancyGrid(BridgeFlags flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(flags.follow.region, ParseRegion(flags.region));
   SPLINEMAP_ASSIGN_OR_RETURN(const std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
   std::atomic<bool> is_changed = false;
@@ -156,7 +156,7 @@ absl::StatusOr<int> BridgeOccupancyGrid(Flags flags) {
   }
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kBridgeExamples = R"(
 Examples:
   splinemap bridge occupancy-grid
   splinemap bridge occupancy-grid --resolution 0.1 --region=-5,-5,20,10
@@ -173,7 +173,7 @@ the map has more than 4 million cells.)";
 }  // namespace
 
 void AddBridge(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<BridgeFlags>();
   CLI::App* bridge =
       app.add_subcommand("bridge", "Publish the map that is on a bus as other stacks know maps");
   bridge->require_subcommand(1);
@@ -182,7 +182,7 @@ void AddBridge(CLI::App& app, Command& chosen) {
       "splinemap bridge occupancy-grid --help explains it.");
   CLI::App* command = bridge->add_subcommand("occupancy-grid",
                                              "As Michigan's occupancy_grid_t, for botlab and mbot");
-  command->footer(kExamples);
+  command->footer(kBridgeExamples);
   command->add_option("--lcm-url", flags->lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
       ->type_name("URL");
   command->add_option("--channel", flags->channel, "To publish on (default SLAM_MAP)");

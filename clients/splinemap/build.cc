@@ -16,7 +16,7 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct BuildFlags {
   std::string log;
   std::string out;
   bool force = false;
@@ -36,7 +36,7 @@ void Report(const MapperCounts& counts, const MapSnapshot& map, const std::strin
       counts.scans_received, counts.poses_received, map.merged.size(), out);
 }
 
-absl::StatusOr<int> Build(const Flags& flags) {
+absl::StatusOr<int> Build(const BuildFlags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.out, flags.force));
   SPLINEMAP_RETURN_IF_ERROR(MapFile::CheckNotInUse(flags.out));
   SPLINEMAP_ASSIGN_OR_RETURN(config::Config config, ConfigOf(flags.input));
@@ -79,7 +79,7 @@ absl::StatusOr<int> Build(const Flags& flags) {
   return read.ok() ? kSuccess : kFailed;
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kBuildExamples = R"(
 Examples:
   splinemap build drive.lcmlog --out drive.splinemap
   splinemap build lab.lcmlog --out lab.splinemap --scan LIDAR:michigan_2017 --pose SLAM_POSE
@@ -89,9 +89,9 @@ Maps as splinemapd does, without a network. Channels that are not given are foun
 }  // namespace
 
 void AddBuild(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<BuildFlags>();
   CLI::App* command = app.add_subcommand("build", "Make a map from an LCM log");
-  command->footer(kExamples);
+  command->footer(kBuildExamples);
   command->add_option("LOG", flags->log, "LCM log, plain or gzip")->required();
   command->add_option("-o,--out", flags->out, "Map file to write")->required()->type_name("MAP");
   command->add_flag("--force", flags->force, "Replace the map file if it exists");

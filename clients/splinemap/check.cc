@@ -8,13 +8,13 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct CheckFlags {
   AskedMapFlags asked;
   ObstacleFlags obstacles;
   double radius_m = 0;
 };
 
-absl::StatusOr<int> CheckPath(const Flags& flags) {
+absl::StatusOr<int> CheckPath(const CheckFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<double> numbers, NumbersAfterMap(flags.asked));
   if (numbers.empty() || numbers.size() % 2 != 0) {
     return InvalidArgument("give the path as X0 Y0 X1 Y1 ..; there are {} numbers", numbers.size());
@@ -32,7 +32,7 @@ absl::StatusOr<int> CheckPath(const Flags& flags) {
   return result.occupancy == Occupancy::kFree ? asked.exit_status : kFailed;
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kCheckExamples = R"(
 Examples:
   splinemap check lab.splinemap 0 0 2.5 -1 4 -1 --radius 0.3
   splinemap check --live 0 0 2.5 -1 --radius 0.3 --unknown passes && echo free
@@ -45,9 +45,9 @@ stdout), 2 usage.)";
 }  // namespace
 
 void AddCheck(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<CheckFlags>();
   CLI::App* command = app.add_subcommand("check", "Whether a disc can go along a path");
-  command->footer(kExamples);
+  command->footer(kCheckExamples);
   AddAskedMapFlags(*command, "MAP_X0_Y0_X1_Y1", "points of the path in metres", flags->asked);
   command->add_option("--radius", flags->radius_m, "Of the disc, in metres")->required();
   AddObstacleFlags(*command, flags->obstacles);

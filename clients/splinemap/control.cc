@@ -14,7 +14,7 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct ControlFlags {
   LiveFlags live;
   std::string robot;
   std::string layer;
@@ -28,7 +28,7 @@ struct Found {
 };
 
 // The layer, and a daemon that has it.
-absl::StatusOr<Found> ListenForLayer(const Flags& flags) {
+absl::StatusOr<Found> ListenForLayer(const ControlFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<layers_t> daemons, ListenToLayers(flags.live));
   std::map<LayerId, Found> heard;
   for (const layers_t& daemon : daemons) {
@@ -47,7 +47,7 @@ absl::StatusOr<Found> ListenForLayer(const Flags& flags) {
   return heard.at(id);
 }
 
-absl::StatusOr<int> Decide(const std::string& command, const Flags& flags) {
+absl::StatusOr<int> Decide(const std::string& command, const ControlFlags& flags) {
   absl::StatusOr<Found> layer = ListenForLayer(flags);
   // What daemons say may get lost.
   for (int n = 0; n < 3 && !layer.ok(); ++n) layer = ListenForLayer(flags);
@@ -64,7 +64,7 @@ absl::StatusOr<int> Decide(const std::string& command, const Flags& flags) {
   return kSuccess;
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kControlExamples = R"(
 Examples:
   splinemap control mute robot-3
   splinemap control shift robot-3 40 -2      40 knots along x and -2 along y, from its own frame
@@ -78,7 +78,7 @@ good, from the disk of its robot, too; unmute and insist take mute and yield bac
 
 void AddDecision(CLI::App& control, const std::string& command, const std::string& what,
                  Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<ControlFlags>();
   CLI::App* decision = control.add_subcommand(command, what);
   decision->add_option("LAYER", flags->layer, "NAME or NAME@ORIGIN")->required();
   if (command == "shift") {
@@ -98,7 +98,7 @@ void AddDecision(CLI::App& control, const std::string& command, const std::strin
 void AddControl(CLI::App& app, Command& chosen) {
   CLI::App* control =
       app.add_subcommand("control", "Mute, shift or remove a layer for all robots and clients");
-  control->footer(kExamples);
+  control->footer(kControlExamples);
   control->require_subcommand(1);
   AddDecision(*control, "mute", "Leave the layer out of the sum", chosen);
   AddDecision(*control, "unmute", "Take it in again", chosen);

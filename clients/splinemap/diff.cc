@@ -135,7 +135,7 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
   return equal ? kSuccess : kFailed;
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kDiffExamples = R"(
 Example:
   splinemap diff live.splinemap offline.splinemap && echo the same map
 
@@ -149,7 +149,7 @@ Exit status: 0 equal, 1 different or failed, 2 usage.)";
 void AddDiff(CLI::App& app, Command& chosen) {
   auto paths = std::make_shared<std::pair<std::string, std::string>>();
   CLI::App* command = app.add_subcommand("diff", "Compare two maps");
-  command->footer(kExamples);
+  command->footer(kDiffExamples);
   command->add_option("A", paths->first, "Map file")->required();
   command->add_option("B", paths->second, "Map file")->required();
   command->callback(

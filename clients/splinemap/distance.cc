@@ -9,14 +9,14 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct DistanceFlags {
   AskedMapFlags asked;
   std::string points_path;
   double max_distance_m = 2;
   double occupied_log_odds = kEvenLogOdds;
 };
 
-absl::StatusOr<int> MeasureDistance(const Flags& flags) {
+absl::StatusOr<int> MeasureDistance(const DistanceFlags& flags) {
   LineAnswers answers;
   answers.row = "x_m,y_m";
   answers.columns = "distance_m,gradient_x,gradient_y";
@@ -38,7 +38,7 @@ absl::StatusOr<int> MeasureDistance(const Flags& flags) {
   return AnswerLines(flags.asked, flags.points_path, "--points", answers);
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kDistanceExamples = R"(
 Examples:
   splinemap distance lab.splinemap 1.25 -0.4
   splinemap distance --live 1.25 -0.4 --max-distance 5
@@ -52,9 +52,9 @@ a header.)";
 }  // namespace
 
 void AddDistance(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<DistanceFlags>();
   CLI::App* command = app.add_subcommand("distance", "How far the nearest occupied point is");
-  command->footer(kExamples);
+  command->footer(kDistanceExamples);
   AddAskedMapFlags(*command, "MAP_X_Y", "coordinates in metres", flags->asked);
   command->add_option("--points", flags->points_path, "CSV file of points")->type_name("FILE");
   command->add_option("--max-distance", flags->max_distance_m, "Metres at most (default 2)");

@@ -7,6 +7,7 @@
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/progress.h"
 #include "clients/splinemap/say.h"
+#include "lib/base/clock.h"
 #include "lib/base/status.h"
 #include "lib/config/flags.h"
 #include "lib/diagnosis/proposal.h"
@@ -16,7 +17,7 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct DoctorFlags {
   std::string log;
   bool live = false;
   double seconds = 15;
@@ -148,14 +149,13 @@ void PrintFlags(const Proposal& proposal) {
   }
 }
 
-absl::StatusOr<Survey> Listen(const Flags& flags) {
+absl::StatusOr<Survey> Listen(const DoctorFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
   Survey survey;
   bus->SubscribeToAll([&](const std::string& channel, absl::Span<const uint8_t> message) {
     const auto now = std::chrono::system_clock::now().time_since_epoch();
     survey.Add(std::chrono::duration_cast<Utime>(now), channel, message);
   });
-  using Clock = std::chrono::steady_clock;
   const auto begin = Clock::now();
   ProgressBar bar("listening");
   while (true) {
@@ -180,7 +180,7 @@ absl::Status CheckGiven(config::Config given) {
   return CheckConfig(given);
 }
 
-absl::StatusOr<int> Doctor(const Flags& flags) {
+absl::StatusOr<int> Doctor(const DoctorFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const config::Config given, ConfigOf(flags.input));
   SPLINEMAP_RETURN_IF_ERROR(CheckGiven(given));
   if (flags.live != flags.log.empty()) {
@@ -212,7 +212,7 @@ absl::StatusOr<int> Doctor(const Flags& flags) {
   return damage.empty() ? kSuccess : kFailed;
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kDoctorExamples = R"(
 Examples:
   splinemap doctor drive.lcmlog
   splinemap doctor drive.lcmlog --json --pose SLAM_POSE
@@ -225,10 +225,10 @@ drive and turn meanwhile. Messages beyond 1 MB are not seen on a bus.)";
 }  // namespace
 
 void AddDoctor(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<DoctorFlags>();
   CLI::App* command =
       app.add_subcommand("doctor", "Look at an LCM log or a bus, and tell how to map it");
-  command->footer(kExamples);
+  command->footer(kDoctorExamples);
   command->add_option("LOG", flags->log, "LCM log");
   command->add_flag("--live", flags->live, "Listen to the bus instead");
   command->add_option("--seconds", flags->seconds, "How long to listen (default 15)")

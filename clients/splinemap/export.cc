@@ -20,7 +20,7 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct ExportFlags {
   std::string map;
   std::string base;
   std::string format;
@@ -34,7 +34,7 @@ RosMode ParseMode(const std::string& mode) {
   return mode == "scale" ? RosMode::kScale : mode == "raw" ? RosMode::kRaw : RosMode::kTrinary;
 }
 
-std::vector<std::string> Extensions(const Flags& flags, RosMode mode) {
+std::vector<std::string> Extensions(const ExportFlags& flags, RosMode mode) {
   if (flags.format == "ros") return {RosImageExtension(mode), ".yaml"};
   if (flags.format == "png") return {".png", ".pgw"};
   if (flags.format == "csv") return {".csv"};
@@ -53,8 +53,8 @@ std::string WithoutExtension(std::string base, const std::vector<std::string>& e
 }
 
 // `files` are those of Extensions().
-absl::Status Write(const Flags& flags, RosMode mode, const MapSnapshot& map, const PixelGrid& grid,
-                   std::vector<NewFile>& files) {
+absl::Status Write(const ExportFlags& flags, RosMode mode, const MapSnapshot& map,
+                   const PixelGrid& grid, std::vector<NewFile>& files) {
   if (flags.format == "ros") {
     const std::string image = std::filesystem::path(files[0].path()).filename().string();
     SPLINEMAP_ASSIGN_OR_RETURN(const std::string yaml, RosYaml(grid, mode, image));
@@ -69,7 +69,7 @@ absl::Status Write(const Flags& flags, RosMode mode, const MapSnapshot& map, con
   return WriteGeoTiff(map, grid, files[0]);
 }
 
-absl::StatusOr<int> Export(const Flags& flags) {
+absl::StatusOr<int> Export(const ExportFlags& flags) {
   if (!flags.mode.empty() && flags.format != "ros") {
     return InvalidArgument("--mode belongs to --format ros");
   }
@@ -103,7 +103,7 @@ absl::StatusOr<int> Export(const Flags& flags) {
   return ReportDamages(loaded);
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kExportExamples = R"(
 Examples:
   splinemap export lab.splinemap lab --format ros
   splinemap export lab.splinemap door --format geotiff --region -2,0,3.5,4 --resolution 0.01
@@ -123,9 +123,9 @@ pixel belongs to the region that has its centre, the lower and left edge include
 }  // namespace
 
 void AddExport(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<ExportFlags>();
   CLI::App* command = app.add_subcommand("export", "Write a map for ROS, as PNG, CSV or GeoTIFF");
-  command->footer(kExamples);
+  command->footer(kExportExamples);
   command->add_option("MAP", flags->map, "Map file")->required();
   command->add_option("BASE", flags->base, "Files to write; their extension is added")->required();
   command->add_option("--format", flags->format, "ros, png, csv or geotiff")

@@ -13,13 +13,13 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct FlattenFlags {
   std::string map;
   std::string name = "flat";
   MapOutput output;
 };
 
-absl::StatusOr<int> Flatten(const Flags& flags) {
+absl::StatusOr<int> Flatten(const FlattenFlags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(CheckRobotName(flags.name));
   SPLINEMAP_RETURN_IF_ERROR(CheckOutputOf({flags.map}, flags.output));
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadInput(flags.map, flags.output));
@@ -38,7 +38,7 @@ absl::StatusOr<int> Flatten(const Flags& flags) {
   return loaded.damages.empty() ? kSuccess : kFailed;
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kFlattenExamples = R"(
 Example:
   splinemap flatten fleet.splinemap -o flat.splinemap --name lab
 
@@ -48,9 +48,9 @@ cannot be told apart any more: merged with a map of one of its robots, what that
 }  // namespace
 
 void AddFlatten(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<FlattenFlags>();
   CLI::App* command = app.add_subcommand("flatten", "Make one layer of all");
-  command->footer(kExamples);
+  command->footer(kFlattenExamples);
   command->add_option("MAP", flags->map, "Map file")->required();
   command->add_option("--name", flags->name, "Of the layer (default flat)");
   AddMapOutputFlags(*command, flags->output);

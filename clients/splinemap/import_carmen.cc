@@ -12,14 +12,14 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct ImportCarmenFlags {
   bool force = false;
   std::string in;
   std::string out;
   double rate_hz = 10;
 };
 
-absl::StatusOr<int> ImportCarmen(const Flags& flags) {
+absl::StatusOr<int> ImportCarmen(const ImportCarmenFlags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.out, flags.force));
   CarmenLog log;
   {
@@ -57,7 +57,7 @@ absl::StatusOr<int> ImportCarmen(const Flags& flags) {
   return kSuccess;
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kImportCarmenExamples = R"(
 Example:
   splinemap import-carmen intel.log.gz intel.lcmlog && splinemap build intel.lcmlog --out intel.splinemap
 
@@ -67,9 +67,9 @@ has it, corrected where the log was corrected. Reads FLASER lines, or ROBOTLASER
 }  // namespace
 
 void AddImportCarmen(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<ImportCarmenFlags>();
   CLI::App* command = app.add_subcommand("import-carmen", "Make an LCM log from a CARMEN log");
-  command->footer(kExamples);
+  command->footer(kImportCarmenExamples);
   command->add_option("IN", flags->in, "CARMEN log, plain or gzip")->required();
   command->add_option("OUT", flags->out, "LCM log to write")->required();
   command

@@ -76,11 +76,11 @@ absl::StatusOr<int> Info(const std::string& path, bool as_json) {
 }  // namespace
 
 void AddInfo(CLI::App& app, Command& chosen) {
-  struct Flags {
+  struct InfoFlags {
     std::string map;
     bool json = false;
   };
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<InfoFlags>();
   CLI::App* command = app.add_subcommand("info", "Say what a map file holds");
   command->footer("\nExample:\n  splinemap info lab.splinemap --json");
   command->add_option("MAP", flags->map, "Map file")->required();

@@ -41,10 +41,10 @@ bool IsAligned(const LayerControl& control) { return control.alignment != std::a
 
 constexpr std::array kHeader{"layer", "state",   "heard_s", "start", "commits",
                              "tiles", "area_m2", "box_m",   "hash",  "decided"};
-using Row = std::array<std::string, kHeader.size()>;
+using TableRow = std::array<std::string, kHeader.size()>;
 
-Row RowOf(const LayerLine& line) {
-  Row row;
+TableRow RowOf(const LayerLine& line) {
+  TableRow row;
   row.fill("-");
   row.front() = NameOf(line.id);
   row.back() =
@@ -138,17 +138,17 @@ std::string TextOf(const LayerControl& control, const std::optional<LayerEpoch>&
 }
 
 std::string TableOf(const std::vector<LayerLine>& lines) {
-  std::vector<Row> rows(1);
+  std::vector<TableRow> rows(1);
   std::copy(kHeader.begin(), kHeader.end(), rows.front().begin());
   for (const LayerLine& line : lines) rows.push_back(RowOf(line));
   std::array<size_t, kHeader.size()> widths{};
-  for (const Row& row : rows) {
+  for (const TableRow& row : rows) {
     for (size_t k = 0; k < row.size(); ++k) widths[k] = std::max(widths[k], row[k].size());
   }
   const bool is_live = std::any_of(lines.begin(), lines.end(),
                                    [](const LayerLine& line) { return !line.state.empty(); });
   std::string table;
-  for (const Row& row : rows) {
+  for (const TableRow& row : rows) {
     std::string text;
     for (size_t k = 0; k < row.size(); ++k) {
       if (!is_live && (k == 1 || k == 2)) continue;  // state, heard_s

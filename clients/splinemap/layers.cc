@@ -13,7 +13,7 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct LayersFlags {
   std::string map;
   bool live = false;
   bool json = false;
@@ -26,7 +26,7 @@ nlohmann::json ToJson(const std::vector<LayerLine>& lines) {
   return json;
 }
 
-absl::StatusOr<int> LayersOfDaemons(const Flags& flags) {
+absl::StatusOr<int> LayersOfDaemons(const LayersFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<layers_t> daemons, ListenToLayers(flags.bus));
   nlohmann::json json = nlohmann::json::array();
   for (const layers_t& daemon : daemons) {
@@ -50,7 +50,7 @@ absl::StatusOr<int> LayersOfDaemons(const Flags& flags) {
   return kSuccess;
 }
 
-absl::StatusOr<int> Layers(const Flags& flags) {
+absl::StatusOr<int> Layers(const LayersFlags& flags) {
   if (flags.live == !flags.map.empty()) {
     return InvalidArgument("name a map file, or ask the daemons on a bus with --live");
   }
@@ -65,7 +65,7 @@ absl::StatusOr<int> Layers(const Flags& flags) {
   return ReportDamages(loaded);
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kLayersExamples = R"(
 Examples:
   splinemap layers fleet.splinemap
   splinemap layers fleet.splinemap --json | jq '.[] | select(.in_sum)'
@@ -83,10 +83,10 @@ are those of tiles then.)";
 }  // namespace
 
 void AddLayers(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<LayersFlags>();
   CLI::App* command =
       app.add_subcommand("layers", "List the layers of a map, or those of the daemons on a bus");
-  command->footer(kExamples);
+  command->footer(kLayersExamples);
   command->add_option("MAP", flags->map, "Map file");
   command->add_flag("--live", flags->live, "Listen to daemons instead of reading a file");
   AddLiveFlags(*command, flags->bus);

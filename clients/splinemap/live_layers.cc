@@ -4,6 +4,7 @@
 #include <map>
 #include <utility>
 
+#include "lib/base/clock.h"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/lcm_bus.h"
@@ -19,7 +20,6 @@ void AddLiveFlags(CLI::App& command, LiveFlags& flags) {
 }
 
 absl::StatusOr<std::vector<layers_t>> ListenToLayers(const LiveFlags& flags) {
-  using Clock = std::chrono::steady_clock;
   SPLINEMAP_ASSIGN_OR_RETURN(const std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
   std::map<std::pair<std::string, int64_t>, layers_t> heard;
   bus->Subscribe(flags.channel_prefix + "_LAYERS",

@@ -10,7 +10,7 @@
 namespace splinemap {
 namespace {
 
-constexpr const char* kExamples = R"(
+constexpr const char* kMainExamples = R"(
 Examples:
   splinemap simulate office.lcmlog
   splinemap build office.lcmlog --out office.splinemap
@@ -22,7 +22,7 @@ splinemap COMMAND --help explains a command. Exit status: 0 done, 1 failed, 2 us
 
 int Main(int argc, char** argv) {
   CLI::App app("splinemap: builds, asks and shows continuous occupancy maps of LCM robots.");
-  app.footer(kExamples);
+  app.footer(kMainExamples);
   app.set_version_flag("--version", SPLINEMAP_VERSION);
   app.require_subcommand(1);
   Command chosen;

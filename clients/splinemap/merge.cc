@@ -15,7 +15,7 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct MergeFlags {
   std::vector<std::string> maps;
   MapOutput output;
 };
@@ -111,7 +111,7 @@ class Merger {
   bool has_contradictions_ = false;
 };
 
-absl::StatusOr<int> Merge(const Flags& flags) {
+absl::StatusOr<int> Merge(const MergeFlags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(CheckOutputOf(flags.maps, flags.output));
   double all_bytes = 0;
   for (const std::string& path : flags.maps) all_bytes += Bytes(path);
@@ -138,7 +138,7 @@ absl::StatusOr<int> Merge(const Flags& flags) {
   return is_whole && is_consistent ? kSuccess : kFailed;
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kMergeExamples = R"(
 Examples:
   splinemap merge robot-1.splinemap robot-2.splinemap -o both.splinemap
   splinemap merge both.splinemap robot-*.splinemap -o fleet.splinemap
@@ -151,9 +151,9 @@ Exit status: 0 merged; 1 failed, or merged and copies of a layer contradict each
 }  // namespace
 
 void AddMerge(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<MergeFlags>();
   CLI::App* command = app.add_subcommand("merge", "Put the layers of several maps into one");
-  command->footer(kExamples);
+  command->footer(kMergeExamples);
   command->add_option("MAP", flags->maps, "Map files")->required();
   AddMapOutputFlags(*command, flags->output);
   command->callback([flags, &chosen] { chosen = [flags] { return Merge(*flags); }; });

@@ -9,13 +9,13 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct QueryFlags {
   AskedMapFlags asked;
   std::string points_path;
   bool hessian = false;
 };
 
-absl::StatusOr<int> Query(const Flags& flags) {
+absl::StatusOr<int> Query(const QueryFlags& flags) {
   LineAnswers answers;
   answers.row = "x_m,y_m";
   answers.columns = "x_m,y_m,log_odds,probability,dx_per_m,dy_per_m,known";
@@ -48,7 +48,7 @@ absl::StatusOr<int> Query(const Flags& flags) {
   return AnswerLines(flags.asked, flags.points_path, "--points", answers);
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kQueryExamples = R"(
 Examples:
   splinemap query lab.splinemap 1.25 -0.4
   splinemap query --live 1.25 -0.4
@@ -62,9 +62,9 @@ is answered with a header.)";
 }  // namespace
 
 void AddQuery(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<QueryFlags>();
   CLI::App* command = app.add_subcommand("query", "Value and gradient of a map at points");
-  command->footer(kExamples);
+  command->footer(kQueryExamples);
   AddAskedMapFlags(*command, "MAP_X_Y", "coordinates in metres", flags->asked);
   command->add_option("--points", flags->points_path, "CSV file of points")->type_name("FILE");
   command->add_flag("--hessian", flags->hessian, "Add the second derivatives, per square metre");

@@ -17,7 +17,7 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct RasterFlags {
   AskedMapFlags asked;
   std::string region;
   double resolution_m = 0.05;
@@ -62,7 +62,7 @@ absl::Status WriteCells(const RasterQuery::Answer& answer, const PixelGrid& grid
   return file.Write(text);
 }
 
-absl::StatusOr<int> AskRaster(const Flags& flags) {
+absl::StatusOr<int> AskRaster(const RasterFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto words, WordsAfterMap(flags.asked));
   if (words.size() != 1) {
     return InvalidArgument("give one file to write, after {}",
@@ -94,7 +94,7 @@ absl::StatusOr<int> AskRaster(const Flags& flags) {
   return asked.exit_status;
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kRasterExamples = R"(
 Examples:
   splinemap raster lab.splinemap door.png --region -2,0,3.5,4 --resolution 0.01
   splinemap raster --live around.csv --region -2,0,3.5,4
@@ -107,9 +107,9 @@ over a bus take more time: see --timeout.)";
 }  // namespace
 
 void AddRaster(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<RasterFlags>();
   CLI::App* command = app.add_subcommand("raster", "A part of a map as pixels");
-  command->footer(kExamples);
+  command->footer(kRasterExamples);
   AddAskedMapFlags(*command, "MAP_OUT", "file to write, .png or .csv", flags->asked);
   command->add_option("--region", flags->region, "x0,y0,x1,y1 in metres of the map frame")
       ->required()

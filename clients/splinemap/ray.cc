@@ -10,14 +10,14 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct RayFlags {
   AskedMapFlags asked;
   ObstacleFlags obstacles;
   std::string rays_path;
   double max_range_m = 30;
 };
 
-absl::StatusOr<int> CastRays(const Flags& flags) {
+absl::StatusOr<int> CastRays(const RayFlags& flags) {
   LineAnswers answers;
   answers.row = "x_m,y_m,bearing_deg";
   answers.columns = "occupancy,range_m";
@@ -40,7 +40,7 @@ absl::StatusOr<int> CastRays(const Flags& flags) {
   return AnswerLines(flags.asked, flags.rays_path, "--rays", answers);
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kRayExamples = R"(
 Examples:
   splinemap ray lab.splinemap 1.25 -0.4 90
   splinemap ray --live 1.25 -0.4 -45 --max-range 10 --unknown passes
@@ -54,9 +54,9 @@ at a time; a header is answered with a header.)";
 }  // namespace
 
 void AddRay(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<RayFlags>();
   CLI::App* command = app.add_subcommand("ray", "The range along a ray to what is occupied");
-  command->footer(kExamples);
+  command->footer(kRayExamples);
   AddAskedMapFlags(*command, "MAP_X_Y_BEARING", "origin in metres, bearing in degrees",
                    flags->asked);
   command->add_option("--rays", flags->rays_path, "CSV file of rays")->type_name("FILE");

@@ -12,13 +12,13 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct RemoveFlags {
   std::string map;
   std::vector<std::string> layers;
   MapOutput output;
 };
 
-absl::StatusOr<int> Remove(const Flags& flags) {
+absl::StatusOr<int> Remove(const RemoveFlags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(CheckOutputOf({flags.map}, flags.output));
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadInput(flags.map, flags.output));
   std::vector<LayerId> layers;
@@ -35,7 +35,7 @@ absl::StatusOr<int> Remove(const Flags& flags) {
   return loaded.damages.empty() ? kSuccess : kFailed;
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kRemoveExamples = R"(
 Examples:
   splinemap remove fleet.splinemap robot-3 -o without.splinemap
   splinemap remove fleet.splinemap robot-3@5f20 robot-4 -o without.splinemap
@@ -46,9 +46,9 @@ away. splinemap layers shows the names and origins.)";
 }  // namespace
 
 void AddRemove(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<RemoveFlags>();
   CLI::App* command = app.add_subcommand("remove", "Take layers out of a map");
-  command->footer(kExamples);
+  command->footer(kRemoveExamples);
   command->add_option("MAP", flags->map, "Map file")->required();
   command
       ->add_option(

@@ -13,13 +13,13 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct RenderFlags {
   std::string map;
   std::string out;
   double pixels_per_knot = 0;  // 0: to fit
 };
 
-absl::StatusOr<int> Render(const Flags& flags) {
+absl::StatusOr<int> Render(const RenderFlags& flags) {
   if (!flags.out.empty() && !flags.out.ends_with(".png")) {
     return InvalidArgument("{}: render writes a PNG; give it a name that ends in .png", flags.out);
   }
@@ -42,7 +42,7 @@ absl::StatusOr<int> Render(const Flags& flags) {
   return ReportDamages(loaded);
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kRenderExamples = R"(
 Examples:
   splinemap render lab.splinemap lab.png --px-per-knot 4
   splinemap render lab.splinemap
@@ -53,9 +53,9 @@ OUT.png it draws a small picture in the terminal.)";
 }  // namespace
 
 void AddRender(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<RenderFlags>();
   CLI::App* command = app.add_subcommand("render", "Draw a map as PNG or in the terminal");
-  command->footer(kExamples);
+  command->footer(kRenderExamples);
   command->add_option("MAP", flags->map, "Map file")->required();
   command->add_option("OUT.png", flags->out, "Picture to write");
   command

@@ -17,7 +17,7 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct SimulateFlags {
   bool force = false;
   std::vector<std::string> files;  // [WORLD] OUT
   double scan_rate_hz = 10;
@@ -33,7 +33,7 @@ constexpr Utime kStart = std::chrono::seconds(1);
 
 Utime UtimeAt(double time_s) { return kStart + Utime(std::llround(time_s * 1e6)); }
 
-absl::StatusOr<simulation::World> LoadWorld(const Flags& flags) {
+absl::StatusOr<simulation::World> LoadWorld(const SimulateFlags& flags) {
   if (flags.files.size() == 1) return OfficeFloor();
   SPLINEMAP_ASSIGN_OR_RETURN(const std::string text, ReadFile(flags.files.front()));
   simulation::World world;
@@ -41,7 +41,7 @@ absl::StatusOr<simulation::World> LoadWorld(const Flags& flags) {
   return world;
 }
 
-absl::StatusOr<int> Simulate(const Flags& flags) {
+absl::StatusOr<int> Simulate(const SimulateFlags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.files.back(), flags.force));
   SPLINEMAP_ASSIGN_OR_RETURN(const simulation::World world, LoadWorld(flags));
   SPLINEMAP_ASSIGN_OR_RETURN(const Drive drive, Drive::Plan(world));
@@ -87,7 +87,7 @@ absl::StatusOr<int> Simulate(const Flags& flags) {
   return kSuccess;
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kSimulateExamples = R"(
 Examples:
   splinemap simulate office.lcmlog
   splinemap simulate office.lcmlog --world-out office.world --trajectory truth.csv
@@ -100,9 +100,9 @@ Protobuf text; --world-out writes the one that is used, to be changed.)";
 }  // namespace
 
 void AddSimulate(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<SimulateFlags>();
   CLI::App* command = app.add_subcommand("simulate", "Make an LCM log of a simulated drive");
-  command->footer(kExamples);
+  command->footer(kSimulateExamples);
   command->add_option("[WORLD]_OUT", flags->files, "LCM log to write, after the world if given")
       ->required()
       ->expected(1, 2);

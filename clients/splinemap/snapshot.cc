@@ -14,7 +14,7 @@
 namespace splinemap {
 namespace {
 
-struct Flags {
+struct SnapshotFlags {
   std::string out;
   std::string lcm_url;
   std::string log;
@@ -30,7 +30,7 @@ std::string Name(const FollowedLayer& layer) { return PlainText(layer.id.name); 
 // Every daemon says once a second what it has; in this time nearly always all of them are heard.
 constexpr std::chrono::duration<double> kHearAll(2.5);
 
-absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
+absl::Status WaitUntilInSync(const MapReplica& replica, const SnapshotFlags& flags) {
   const auto begin = Clock::now();
   const auto timeout = std::chrono::duration<double>(flags.timeout_s);
   while (Clock::now() - begin < timeout) {
@@ -79,7 +79,7 @@ absl::Status WaitUntilInSync(const MapReplica& replica, const Flags& flags) {
 
 // Saves what is whole, and says what is not.
 absl::StatusOr<int> Save(const MapSnapshot& map, const std::vector<std::string>& refused,
-                         const Flags& flags) {
+                         const SnapshotFlags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(map, flags.out));
   for (const std::string& name_and_why : refused) {
     Say(stderr, "left out: {}", name_and_why);
@@ -90,7 +90,7 @@ absl::StatusOr<int> Save(const MapSnapshot& map, const std::vector<std::string>&
   return refused.empty() ? kSuccess : kFailed;
 }
 
-absl::StatusOr<int> TakeFromLog(const Flags& flags) {
+absl::StatusOr<int> TakeFromLog(const SnapshotFlags& flags) {
   MapFollower follower(flags.follow, 0);  // which has nobody to ask
   const std::vector<std::string> channels = follower.Channels();
   Clock::time_point now;
@@ -127,13 +127,13 @@ absl::StatusOr<int> TakeFromLog(const Flags& flags) {
   return read.ok() ? exit_status : kFailed;
 }
 
-absl::StatusOr<int> TakeFromBus(const Flags& flags) {
+absl::StatusOr<int> TakeFromBus(const SnapshotFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow(flags.lcm_url, flags.follow));
   SPLINEMAP_RETURN_IF_ERROR(WaitUntilInSync(*replica, flags));
   return Save(*replica->WholeSnapshot(), replica->Refused(), flags);
 }
 
-absl::StatusOr<int> TakeSnapshot(Flags flags) {
+absl::StatusOr<int> TakeSnapshot(SnapshotFlags flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(flags.follow.region, ParseRegion(flags.region));
   flags.follow.detail.band = flags.band == "min"   ? Band::kMin
                              : flags.band == "max" ? Band::kMax
@@ -145,7 +145,7 @@ absl::StatusOr<int> TakeSnapshot(Flags flags) {
   return flags.log.empty() ? TakeFromBus(flags) : TakeFromLog(flags);
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kSnapshotExamples = R"(
 Examples:
   splinemap snapshot lab.splinemap
   splinemap snapshot --robot one --lcm-url 'udpm://239.255.76.67:7667?ttl=0' one.splinemap
@@ -160,9 +160,9 @@ greatest log-odds of each square of 2^n x 2^n control points. Exit status: 0 sav
 }  // namespace
 
 void AddSnapshot(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<SnapshotFlags>();
   CLI::App* command = app.add_subcommand("snapshot", "Save the map that daemons on a bus have");
-  command->footer(kExamples);
+  command->footer(kSnapshotExamples);
   command->add_option("OUT", flags->out, "Map file to write")->required();
   command->add_option("--lcm-url", flags->lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
       ->type_name("URL");

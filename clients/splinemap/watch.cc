@@ -16,9 +16,9 @@ namespace splinemap {
 namespace {
 
 constexpr std::chrono::milliseconds kDrawInterval(1000);
-constexpr std::chrono::milliseconds kTick(50);
+constexpr std::chrono::milliseconds kWatchTick(50);
 
-struct Flags {
+struct WatchFlags {
   std::string lcm_url;
   std::string prefix = "SPLINEMAP";
   double timeout_s = 5;
@@ -58,7 +58,7 @@ nlohmann::json ToJson(const status_t& status) {
 }
 
 // Until the user ends it.
-absl::StatusOr<int> ShowLive(const Flags& flags) {
+absl::StatusOr<int> ShowLive(const WatchFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
   FollowOptions follow;
   follow.channel_prefix = flags.prefix;
@@ -72,7 +72,7 @@ absl::StatusOr<int> ShowLive(const Flags& flags) {
   fmt::print("\x1b[2J");
   auto next_draw = Clock::now();
   while (true) {
-    bus->Handle(kTick);
+    bus->Handle(kWatchTick);
     const auto now = Clock::now();
     if (now < next_draw) continue;
     next_draw = now + kDrawInterval;
@@ -81,7 +81,7 @@ absl::StatusOr<int> ShowLive(const Flags& flags) {
   }
 }
 
-absl::StatusOr<int> Watch(const Flags& flags) {
+absl::StatusOr<int> Watch(const WatchFlags& flags) {
   if (isatty(STDOUT_FILENO) == 1 && !flags.json && !flags.once) return ShowLive(flags);
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
   const std::string channel = flags.prefix + "_STATUS";
@@ -103,7 +103,7 @@ absl::StatusOr<int> Watch(const Flags& flags) {
   });
   const auto timeout = std::chrono::duration<double>(flags.timeout_s);
   for (auto heard = Clock::now(); Clock::now() - heard < timeout;) {
-    if (bus->Handle(kTick) == LcmBus::Handled::kMessage) heard = Clock::now();
+    if (bus->Handle(kWatchTick) == LcmBus::Handled::kMessage) heard = Clock::now();
     if (const auto news = bus->TakeNews()) Say(stderr, "{}", *news);
     if (!is_written) return kFailed;  // whom it wrote to went
     if (flags.once && seen > 0) return kSuccess;
@@ -113,7 +113,7 @@ absl::StatusOr<int> Watch(const Flags& flags) {
                      flags.timeout_s);
 }
 
-constexpr const char* kExamples = R"(
+constexpr const char* kWatchExamples = R"(
 Examples:
   splinemap watch
   splinemap watch --json --once --lcm-url 'udpm://239.255.76.67:7667?ttl=0'
@@ -126,10 +126,10 @@ second; ends with status 1 when nothing was heard for --timeout.)";
 }  // namespace
 
 void AddWatch(CLI::App& app, Command& chosen) {
-  auto flags = std::make_shared<Flags>();
+  auto flags = std::make_shared<WatchFlags>();
   CLI::App* command =
       app.add_subcommand("watch", "Show how the daemons on a bus are doing, and their map");
-  command->footer(kExamples);
+  command->footer(kWatchExamples);
   command->add_option("--lcm-url", flags->lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
       ->type_name("URL");
   command->add_option("--prefix", flags->prefix, "channel_prefix of the daemons");

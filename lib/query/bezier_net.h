@@ -2,10 +2,13 @@
 
 #include <algorithm>
 #include <array>
+#include <limits>
 
 #include "lib/query/cell_patch.h"
 
 namespace splinemap {
+
+inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // The surface over a square as a bicubic Bezier net, in units of control points: row k belongs to
 // y, column l to x. It lies between the least and the greatest of the net, and comes closer to them

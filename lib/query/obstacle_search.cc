@@ -6,8 +6,6 @@
 namespace splinemap {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
 // What lies no farther apart than that touches: more than rounding adds up to.
 constexpr double kTouching = 1e-9;
 

@@ -10,7 +10,6 @@
 namespace splinemap {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kTolerance = 1e-6;  // knot intervals
 
 using Sextic = std::array<double, 7>;  // Bezier coefficients

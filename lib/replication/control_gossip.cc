@@ -10,12 +10,12 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds kInterval(1000);
 // Of several who know what another one does not, one speaks first.
-constexpr milliseconds kMaxBackOff(200);
+constexpr milliseconds kMaxRecordsBackOff(200);
 constexpr milliseconds kMinPause(500);  // between two tellings of all records
 // What is told for so long, with pauses of no more than that, is no single message. It can be ahead
 // by so much then.
 constexpr milliseconds kInsistence(10'000);
-constexpr milliseconds kMaxSilence(3500);
+constexpr milliseconds kMaxSpeakerSilence(3500);
 constexpr uint64_t kMaxAheadOfInsistent = uint64_t{1} << 48;
 constexpr size_t kMaxExpired = 1024;
 
@@ -72,7 +72,7 @@ bool ControlGossip::IsCredible(const LayerControl& control, const LayerControl& 
   }
   const uint64_t greatest = controls_.greatest_counter();
   if (control.counter <= greatest + LayerControl::kMaxDecisionsAhead) return true;
-  if (!ahead_since_ || now - ahead_last_ > kMaxSilence) ahead_since_ = now;
+  if (!ahead_since_ || now - ahead_last_ > kMaxSpeakerSilence) ahead_since_ = now;
   ahead_last_ = now;
   return control.counter <= greatest + kMaxAheadOfInsistent && now - *ahead_since_ >= kInsistence;
 }
@@ -103,7 +103,7 @@ bool ControlGossip::Take(const control_records_t& message, IncarnationOf incarna
     heard_same_ = true;
     records_due_.reset();  // somebody has told all that there is
   } else if (!records_due_) {
-    records_due_ = std::max(now, last_records_ + kMinPause) + random_.UpTo(kMaxBackOff);
+    records_due_ = std::max(now, last_records_ + kMinPause) + random_.UpTo(kMaxRecordsBackOff);
   }
   return is_new;
 }

@@ -8,7 +8,7 @@ namespace {
 using std::chrono::milliseconds;
 
 // An owner that is there is heard again within this time, and so are followers that ask for it.
-constexpr milliseconds kMaxSilence(3500);
+constexpr milliseconds kMaxOwnerSilence(3500);
 // Digests over such a time are no single mistake.
 constexpr milliseconds kMinPresence(1500);
 // Followers that heard of a later life by mistake have given it up by then.
@@ -31,7 +31,7 @@ void IdentityWatch::TakePull(const LayerLife& heard, const LayerLife& own, Clock
 
 void IdentityWatch::Remember(std::optional<Heard>& heard, const LayerLife& life,
                              Clock::time_point now) {
-  if (!heard || heard->life.id != life.id || now - heard->last > kMaxSilence) {
+  if (!heard || heard->life.id != life.id || now - heard->last > kMaxOwnerSilence) {
     heard = Heard{life, now, now};
   }
   if (heard->life.epoch < life.epoch) heard->life = life;
@@ -42,7 +42,7 @@ std::optional<IdentityWatch::NextLife> IdentityWatch::Next(const LayerLife& own,
                                                            Clock::time_point now, uint64_t random) {
   // What was heard of before the life that is there now, and what nobody speaks of any more.
   for (std::optional<Heard>* heard : {&other_owner_, &asked_for_}) {
-    if (*heard && (!IsLater((*heard)->life, own) || now - (*heard)->last > kMaxSilence)) {
+    if (*heard && (!IsLater((*heard)->life, own) || now - (*heard)->last > kMaxOwnerSilence)) {
       heard->reset();
     }
   }

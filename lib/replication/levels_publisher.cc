@@ -8,7 +8,7 @@ namespace splinemap {
 namespace {
 
 // A level that nobody has asked for in this time is given up.
-constexpr std::chrono::seconds kMaxSilence(30);
+constexpr std::chrono::seconds kLevelLease(30);
 // Tiles of coarser levels that are made in one tick, some milliseconds of work.
 constexpr size_t kTilesPerTick = 200;
 
@@ -45,7 +45,7 @@ void LevelsPublisher::TakePull(const layer_pull_t& pull, Clock::time_point now) 
 
 std::vector<PublishedMessage> LevelsPublisher::Tick(Clock::time_point now) {
   std::vector<PublishedMessage> messages;
-  std::erase_if(asked_, [&](const auto& asked) { return now - asked.second.last > kMaxSilence; });
+  std::erase_if(asked_, [&](const auto& asked) { return now - asked.second.last > kLevelLease; });
   WorkOnLevels(now);
   Refill(now);
   // What is coarse is small and seen first.

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "lcmtypes/splinemap/layer_epoch_t.hpp"
+#include "lib/base/clock.h"
 #include "lib/map/detail.h"
 #include "lib/map/layer.h"
 
@@ -12,9 +13,6 @@ namespace splinemap {
 // What owners and followers of layers agree on; lcmtypes/README.md describes it in words.
 inline constexpr int32_t kProtocolVersion = 1;
 inline constexpr size_t kMaxMessageBytes = 1400;  // one Ethernet frame
-
-// Time of the protocol's state machines: any clock that never steps back.
-using Clock = std::chrono::steady_clock;
 
 // A layer in one life of its owner, at one level of detail.
 struct LayerLife {

@@ -9,7 +9,7 @@ namespace {
 using std::chrono::milliseconds;
 
 // Of several that could begin, one is first.
-constexpr milliseconds kMaxBackOff(1000);
+constexpr milliseconds kMaxStandInBackOff(1000);
 constexpr milliseconds kMaxBackOffOfBetter(300);
 
 }  // namespace
@@ -42,7 +42,7 @@ void StandIn::TakeDigest(const stand_in_digest_t& other, Clock::time_point now) 
 
 void StandIn::LeaveItToOthers(Clock::time_point now) {
   publisher_.reset();
-  due_ = now + LayerFollower::kMaxSilence + patience_ + random_.UpTo(kMaxBackOff);
+  due_ = now + LayerFollower::kMaxSilence + patience_ + random_.UpTo(kMaxStandInBackOff);
 }
 
 void StandIn::TakePull(const layer_pull_t& pull, Clock::time_point now) {
@@ -63,7 +63,7 @@ std::vector<StandIn::Message> StandIn::Tick(Clock::time_point now, bool may_begi
     return messages;
   }
   if (!publisher_) {
-    if (!due_) due_ = now + patience_ + random_.UpTo(kMaxBackOff);
+    if (!due_) due_ = now + patience_ + random_.UpTo(kMaxStandInBackOff);
     if (OtherLacksSomething(now)) BeginBy(now + random_.UpTo(kMaxBackOffOfBetter));
     if (now < *due_) return messages;
   }

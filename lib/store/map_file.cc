@@ -22,7 +22,7 @@ namespace splinemap {
 namespace {
 
 constexpr int kBusyTimeoutMs = 5000;
-constexpr int kMaxRowBytes = 1 << 20;
+constexpr int kMaxSqliteRowBytes = 1 << 20;
 
 absl::Status ToStatus(const std::string& path, const SQLite::Exception& exception) {
   switch (exception.getErrorCode()) {
@@ -55,7 +55,7 @@ std::unique_ptr<SQLite::Database> Connect(const std::string& path, int flags) {
   database->exec("PRAGMA cell_size_check = ON");
   // Pages out of use hold no rows then that could be taken for rows of a damaged file.
   database->exec("PRAGMA secure_delete = ON");
-  sqlite3_limit(database->getHandle(), SQLITE_LIMIT_LENGTH, kMaxRowBytes);
+  sqlite3_limit(database->getHandle(), SQLITE_LIMIT_LENGTH, kMaxSqliteRowBytes);
   return database;
 }
 

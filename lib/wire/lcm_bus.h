@@ -13,6 +13,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "lib/base/clock.h"
 #include "lib/base/mutex.h"
 #include "lib/wire/bus_address.h"
 #include "lib/wire/encode.h"
@@ -62,7 +63,6 @@ class LcmBus {
   void PublishBytes(const std::string& channel, absl::Span<const uint8_t> message);
 
  private:
-  using Clock = std::chrono::steady_clock;
   struct Destroy {
     void operator()(lcm_t* lcm) const { lcm_destroy(lcm); }
   };

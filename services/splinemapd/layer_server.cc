@@ -8,7 +8,7 @@
 namespace splinemap {
 namespace {
 
-constexpr std::chrono::milliseconds kTick(5);
+constexpr std::chrono::milliseconds kServerTick(5);
 // More than that in one tick are asked for again.
 constexpr size_t kMaxPullsWaiting = 1000;
 
@@ -33,7 +33,7 @@ void LayerServer::Serve(const std::stop_token& stop) {
   bool is_last = false;
   while (!is_last) {
     is_last = stop.stop_requested();
-    std::this_thread::sleep_for(kTick);
+    std::this_thread::sleep_for(kServerTick);
     std::vector<layer_pull_t> pulls;
     {
       MutexLock lock(mutex_);

@@ -13,6 +13,7 @@
 #include <string>
 #include <utility>
 
+#include "lib/base/clock.h"
 #include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 #include "lib/config/checked_text.h"
@@ -96,7 +97,6 @@ class Signals {
 
   // What a signal wishes, or nothing after a second.
   Wish Wait() const {
-    using Clock = std::chrono::steady_clock;
     const Clock::time_point end = Clock::now() + std::chrono::seconds(1);
     while (Clock::now() < end) {
       const std::chrono::nanoseconds left = end - Clock::now();

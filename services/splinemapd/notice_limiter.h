@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 
+#include "lib/base/clock.h"
 #include "lib/pipeline/notice.h"
 
 namespace splinemap {
@@ -13,8 +14,6 @@ namespace splinemap {
 // Says notices of one subject once, and then once a minute while they go on. Thread-compatible.
 class NoticeLimiter {
  public:
-  using Clock = std::chrono::steady_clock;
-
   // What to say of a notice now, or nothing.
   std::optional<std::string> Say(const Notice& notice, Clock::time_point now);
   // That is over: the next notice of the subject is said at once.

@@ -4,6 +4,7 @@
 #include <optional>
 #include <utility>
 
+#include "lib/base/clock.h"
 #include "lib/base/status.h"
 #include "lib/rpc/answer.h"
 
@@ -106,7 +107,7 @@ void QueryServer::Answer(const QueuedRequest& request) {
 
 const LocalMap& QueryServer::MapFor(const QueuedRequest& request) {
   const request_t& head = request.head;
-  const auto now = std::chrono::steady_clock::now();
+  const auto now = Clock::now();
   std::erase_if(pins_, [&](const Pin& pin) { return now - pin.last_used > kPinTime; });
   const auto is_for = [&](const Pin& pin) {
     return head.query != 0 && pin.client == head.client && pin.query == head.query;

@@ -9,6 +9,7 @@
 
 #include "absl/status/status.h"
 #include "absl/types/span.h"
+#include "lib/base/clock.h"
 #include "lib/base/mutex.h"
 #include "lib/query/local_map.h"
 #include "services/splinemapd/replier.h"
@@ -46,7 +47,7 @@ class QueryServer {
     RequestLine line;
     int64_t client = 0;
     int64_t query = 0;
-    std::chrono::steady_clock::time_point last_used;
+    Clock::time_point last_used;
     // Null as long as that is what newest_ shows.
     std::shared_ptr<const LocalMap> map;
   };

@@ -3,12 +3,13 @@
 #include <chrono>
 #include <cstdint>
 
+#include "lib/base/clock.h"
+
 namespace splinemap {
 
 // Notices when nothing comes on a channel, and when it comes again. Thread-compatible.
 class SilenceWatch {
  public:
-  using Clock = std::chrono::steady_clock;
   static constexpr std::chrono::seconds kSilence{5};
 
   explicit SilenceWatch(Clock::time_point now) : since_(now) {}

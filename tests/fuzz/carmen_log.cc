@@ -4,8 +4,7 @@
 
 #include "tests/fuzz/fuzz.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::fuzz_carmen_log {
 
 void Run(FuzzInput input) {
   static MemoryFile file;
@@ -20,5 +19,4 @@ void Run(FuzzInput input) {
 
 const FuzzTarget target("carmen_log", &Run);
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::fuzz_carmen_log

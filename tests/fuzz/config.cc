@@ -4,8 +4,7 @@
 #include "lib/pipeline/mapper.h"
 #include "tests/fuzz/fuzz.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::fuzz_config {
 
 void Run(FuzzInput input) {
   config::Config config;
@@ -22,5 +21,4 @@ void Run(FuzzInput input) {
 
 const FuzzTarget target("config", &Run);
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::fuzz_config

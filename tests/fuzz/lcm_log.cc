@@ -4,8 +4,7 @@
 
 #include "tests/fuzz/fuzz.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::fuzz_lcm_log {
 
 void Run(FuzzInput input) {
   static MemoryFile file;
@@ -26,5 +25,4 @@ void Run(FuzzInput input) {
 
 const FuzzTarget target("lcm_log", &Run);
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::fuzz_lcm_log

@@ -9,8 +9,7 @@
 
 #include "tests/fuzz/fuzz.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::fuzz_map_file {
 
 // A file in a folder that is removed with all that comes to stand in it. In memory where the system
 // has such a folder.
@@ -57,5 +56,4 @@ void Run(FuzzInput input) {
 
 const FuzzTarget target("map_file", &Run);
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::fuzz_map_file

@@ -13,8 +13,7 @@
 #include "lib/store/records.pb.h"
 #include "tests/fuzz/fuzz.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::fuzz_map_records {
 
 // Statements on one database, made once.
 class Rows {
@@ -161,5 +160,4 @@ void Run(FuzzInput input) {
 
 const FuzzTarget target("map_records", &Run);
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::fuzz_map_records

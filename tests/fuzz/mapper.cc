@@ -6,8 +6,7 @@
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/messages.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::fuzz_mapper {
 
 constexpr size_t kMaxMapMb = 1;
 constexpr size_t kTilesPerMb = (1 << 20) / sizeof(Tile);
@@ -71,5 +70,4 @@ void Run(FuzzInput input) {
 
 const FuzzTarget target("mapper", &Run);
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::fuzz_mapper

@@ -13,8 +13,7 @@
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/messages.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::fuzz_message {
 
 SensorOptions OptionsOf(uint8_t choice) {
   SensorOptions options;
@@ -84,5 +83,4 @@ const FuzzTarget targets[] = {
     {"layer_pull", &Run<layer_pull_t>},
 };
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::fuzz_message

@@ -9,8 +9,7 @@
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/messages.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::fuzz_rpc {
 
 std::shared_ptr<const MapSnapshot> SmallMap(bool is_empty) {
   Map map({});
@@ -104,5 +103,4 @@ const FuzzTarget targets[] = {
     {"command_reply", &RunDecode<command_reply_t>},
 };
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::fuzz_rpc

@@ -3,8 +3,7 @@
 #include "lib/config/config.h"
 #include "tests/fuzz/fuzz.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::fuzz_scan_flag {
 
 void Run(FuzzInput input) {
   const auto scan = ParseScanFlag(input.RestText());
@@ -13,5 +12,4 @@ void Run(FuzzInput input) {
 
 const FuzzTarget target("scan_flag", &Run);
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::fuzz_scan_flag

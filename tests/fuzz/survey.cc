@@ -8,8 +8,7 @@
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/messages.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::fuzz_survey {
 
 config::Config TakeConfig(FuzzInput& input) {
   const uint8_t choice = input.Byte();
@@ -56,5 +55,4 @@ void Run(FuzzInput input) {
 
 const FuzzTarget target("survey", &Run);
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::fuzz_survey

@@ -3,8 +3,7 @@
 #include "lib/map/tile_update.h"
 #include "tests/fuzz/fuzz.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::fuzz_tile {
 
 void Run(FuzzInput input) {
   const absl::StatusOr<Tile> tile = DecodeTile(input.RestText());
@@ -14,5 +13,4 @@ void Run(FuzzInput input) {
 
 const FuzzTarget target("tile", &Run);
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::fuzz_tile

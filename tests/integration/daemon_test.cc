@@ -12,8 +12,7 @@
 #include "lib/wire/encode.h"
 #include "tests/support/temporary_directory.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::daemon_test {
 
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
@@ -324,5 +323,4 @@ TEST_F(DaemonTest, ErrorsAtTheStartAreReturned) {
   EXPECT_FALSE(Daemon::Start(config_, *LcmBus::Open("memq://")).ok());
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::daemon_test

@@ -13,8 +13,7 @@
 #include <thread>
 #include <vector>
 
-namespace splinemap {
-namespace {
+namespace splinemap::lcm_bus_test {
 
 using std::chrono::milliseconds;
 using std::chrono::seconds;
@@ -198,5 +197,4 @@ TEST(LcmBusTest, WithoutDescriptorsThatLcmCanTakeItSaysSoAndWaits) {
   EXPECT_TRUE(Handles(*bus, [&] { return bus->Problem().empty(); })) << bus->Problem();
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::lcm_bus_test

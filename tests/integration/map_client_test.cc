@@ -16,8 +16,7 @@
 #include "tests/support/queries.h"
 #include "tests/support/temporary_directory.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::map_client_test {
 
 using std::chrono::milliseconds;
 using std::chrono::steady_clock;
@@ -300,5 +299,4 @@ TEST_F(MapClientTest, APointCostsLittleMoreThanAnEcho) {
   EXPECT_LT(point_us, 10'000) << "no tick of a thread in the way";
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::map_client_test

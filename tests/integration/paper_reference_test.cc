@@ -11,8 +11,7 @@
 #include "tests/support/recorded_drive.h"
 #include "tests/support/shared_data.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::paper_reference_test {
 
 constexpr double kKnot = 0.05;
 
@@ -54,5 +53,4 @@ TEST(PaperReferenceTest, TheSurfaceOfIntelDiffersByLessThanFiveHundredthsRms) {
   EXPECT_LE(rms, 0.05);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::paper_reference_test

@@ -8,8 +8,7 @@
 
 #include "lib/base/status.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::path_planner_test {
 
 using Eigen::Vector2d;
 
@@ -104,5 +103,4 @@ TEST(PathPlannerTest, AMapThatCannotBeAskedIsNoObstacle) {
   EXPECT_TRUE(absl::IsUnavailable(Plan(wall, {-3, -2}, {3, 2}).status()));
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::path_planner_test

@@ -14,8 +14,7 @@
 #include "services/splinemapd/query_server.h"
 #include "tests/support/queries.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::queryable_map_test {
 
 using std::chrono::milliseconds;
 
@@ -184,5 +183,4 @@ std::string KindName(const testing::TestParamInfo<Kind>& kind) {
 INSTANTIATE_TEST_SUITE_P(All, QueryableMapTest,
                          testing::Values(Kind::kLocal, Kind::kReplica, Kind::kClient), KindName);
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::queryable_map_test

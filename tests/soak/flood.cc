@@ -16,6 +16,7 @@
 #include <thread>
 #include <vector>
 
+#include "lib/base/clock.h"
 #include "lib/base/mutex.h"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
@@ -27,7 +28,6 @@
 namespace splinemap {
 namespace {
 
-using Clock = std::chrono::steady_clock;
 using std::chrono::milliseconds;
 using Random = std::mt19937_64;
 using Bytes = std::vector<uint8_t>;

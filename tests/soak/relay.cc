@@ -25,6 +25,7 @@
 #include <utility>
 #include <vector>
 
+#include "lib/base/clock.h"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
 #include "tests/soak/bus_group.h"
@@ -32,7 +33,6 @@
 namespace splinemap {
 namespace {
 
-using Clock = std::chrono::steady_clock;
 using Seconds = std::chrono::duration<double>;
 using Bytes = absl::Span<const uint8_t>;
 

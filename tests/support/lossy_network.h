@@ -10,6 +10,8 @@
 #include <utility>
 #include <vector>
 
+#include "lib/base/clock.h"
+
 namespace splinemap {
 
 struct Weather {
@@ -21,7 +23,6 @@ struct Weather {
 // Calls what was sent when it arrives. Time is virtual.
 class Network {
  public:
-  using Clock = std::chrono::steady_clock;
   static constexpr std::chrono::milliseconds kStep{20};
 
   Network(Weather weather, uint64_t seed) : weather_(weather), random_(seed) {}

@@ -6,8 +6,7 @@
 #include <random>
 #include <vector>
 
-namespace splinemap {
-namespace {
+namespace splinemap::angle_test {
 
 TEST(AngleTest, UnitVectorsAreThoseOfTheCLibrary) {
   std::mt19937_64 random(1);
@@ -78,5 +77,4 @@ TEST(AngleTest, RoundsToTheNearest) {
   EXPECT_EQ(RoundToInt(-2.6), -3);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::angle_test

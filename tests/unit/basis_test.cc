@@ -6,8 +6,7 @@
 #include <functional>
 #include <numeric>
 
-namespace splinemap {
-namespace {
+namespace splinemap::basis_test {
 
 // De Boor's recursion (1), (2) on the knots 0, 1, .. of the spline with support [0, 4).
 double DeBoor(int i, int degree, double tau) {
@@ -57,5 +56,4 @@ TEST(BasisTest, NormalizedWeightsMakeTheUpdateExact) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::basis_test

@@ -11,8 +11,7 @@
 #include "lib/map/map.h"
 #include "lib/spline/basis.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::beam_model_test {
 
 constexpr double kKnot = 0.05;
 
@@ -191,5 +190,4 @@ TEST(BeamModelTest, TheHeaviestScanDoesNotOverflow) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::beam_model_test

@@ -9,8 +9,7 @@
 
 #include "tests/support/temporary_directory.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::carmen_log_test {
 
 void NoProgress(double) {}
 
@@ -128,5 +127,4 @@ TEST(RepairTimesTest, TimesThatStandStillGoBackJumpOrAreNoneAreReplaced) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::carmen_log_test

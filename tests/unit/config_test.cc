@@ -8,8 +8,7 @@
 #include "lib/config/checked_text.h"
 #include "tests/support/temporary_directory.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::config_test {
 
 using std::chrono::milliseconds;
 
@@ -256,5 +255,4 @@ TEST(MethodPresetTest, PaperStandsForThePapersValues) {
   EXPECT_EQ(BeamModelOptionsOf(method).kappa_free, -0.2) << "what is set goes first";
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::config_test

@@ -4,8 +4,7 @@
 
 #include <string>
 
-namespace splinemap {
-namespace {
+namespace splinemap::control_gossip_test {
 
 using std::chrono::milliseconds;
 using std::chrono::minutes;
@@ -146,5 +145,4 @@ TEST_F(ControlGossipTest, WhoHasALayerSaysSo) {
   EXPECT_TRUE(messages[0].records[1].has_layer);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::control_gossip_test

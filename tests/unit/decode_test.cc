@@ -28,8 +28,7 @@ static size_t largest_allocation = 0;
 [[gnu::noinline]] void operator delete(void* memory) noexcept { std::free(memory); }
 [[gnu::noinline]] void operator delete(void* memory, size_t) noexcept { std::free(memory); }
 
-namespace splinemap {
-namespace {
+namespace splinemap::decode_test {
 
 michigan::lidar_t MichiganScan() {
   michigan::lidar_t message;
@@ -427,5 +426,4 @@ TEST(DecodeTest, NumbersOfLayersThatNoOwnerReachesAreRefused) {
   EXPECT_FALSE(DecodeLayerListing(Encode(listing)).ok());
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::decode_test

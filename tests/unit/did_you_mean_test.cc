@@ -2,8 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace splinemap {
-namespace {
+namespace splinemap::did_you_mean_test {
 
 TEST(DidYouMeanTest, NamesWhatIsNear) {
   const std::vector<std::string> names = {"yaw_deg", "mask", "x_m", "y_m", "beam_times"};
@@ -20,5 +19,4 @@ TEST(DidYouMeanTest, IsSilentWhereNothingIs) {
   EXPECT_EQ(DidYouMean("mask", {}), "");
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::did_you_mean_test

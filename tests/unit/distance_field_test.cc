@@ -13,8 +13,7 @@
 #include "lib/query/local_map.h"
 #include "lib/query/obstacle_search.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::distance_field_test {
 
 constexpr double kKnot_m = 0.05;  // as MapOptions has it
 constexpr double kBound_m = DistanceField::kErrorBound * kKnot_m;
@@ -526,5 +525,4 @@ TEST(DistanceFieldTest, AMapOfAnotherKnotIntervalIsAnsweredFromTheFirstUpdateOn)
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::distance_field_test

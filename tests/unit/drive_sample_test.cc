@@ -2,8 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace splinemap {
-namespace {
+namespace splinemap::drive_sample_test {
 
 using std::chrono::milliseconds;
 
@@ -82,5 +81,4 @@ TEST(HasPosesAroundTest, WantsAMarginAndNoGap) {
   EXPECT_FALSE(HasPosesAround(PoseBuffer(Utime(0)), Utime(0)));
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::drive_sample_test

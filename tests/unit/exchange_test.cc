@@ -18,8 +18,7 @@
 #include "tests/support/random_map.h"
 #include "tests/support/temporary_directory.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::exchange_test {
 
 // Tiles around the origin, with control points of every probability, saturated ones and holes.
 std::shared_ptr<const MapSnapshot> RandomMap(int seed, double knot_interval_m) {
@@ -376,5 +375,4 @@ TEST(ExchangeTest, AFullDiskIsToldByEveryFormat) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::exchange_test

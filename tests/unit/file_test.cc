@@ -13,8 +13,7 @@
 #include "tests/support/full_disk.h"
 #include "tests/support/temporary_directory.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::file_test {
 
 TEST(NewFileTest, TheOldContentStaysUntilTheCommit) {
   const TemporaryDirectory directory;
@@ -150,5 +149,4 @@ TEST(NewFileTest, SignalsThatEndAProcessRemoveWhatItWasMaking) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::file_test

@@ -7,8 +7,7 @@
 
 #include "tests/support/room_drive.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::flag_search_test {
 
 using std::chrono::milliseconds;
 
@@ -128,5 +127,4 @@ TEST(ScanWithTest, WhatItWritesIsReadBack) {
   EXPECT_EQ(read.scan_duration, options.scan_duration);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::flag_search_test

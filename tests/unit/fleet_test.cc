@@ -21,8 +21,7 @@
 #include "tests/support/lossy_network.h"
 #include "tests/support/random_map.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::fleet_test {
 
 using std::chrono::milliseconds;
 using Random = std::mt19937_64;
@@ -573,5 +572,4 @@ TEST_P(RandomFleet, EndsWithEqualBytes) {
 
 INSTANTIATE_TEST_SUITE_P(Seeds, RandomFleet, testing::Range(1, 9));
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::fleet_test

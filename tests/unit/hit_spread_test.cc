@@ -4,8 +4,7 @@
 
 #include <vector>
 
-namespace splinemap {
-namespace {
+namespace splinemap::hit_spread_test {
 
 TEST(HitSpreadTest, IsTheNumberOfCellsOfEqualShares) {
   EXPECT_EQ(HitSpread({}), 0);
@@ -21,5 +20,4 @@ TEST(HitSpreadTest, AStrayHitAmongManyWeighsLittle) {
   EXPECT_LT(HitSpread(hits), 1.01);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::hit_spread_test

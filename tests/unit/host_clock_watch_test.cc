@@ -2,8 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace splinemap {
-namespace {
+namespace splinemap::host_clock_watch_test {
 
 using std::chrono::milliseconds;
 
@@ -25,5 +24,4 @@ TEST(HostClockWatchTest, JumpsAreToldAndSlewingIsNot) {
   EXPECT_NEAR(watch.Look(system, since_boot)->count(), -60, 1e-6);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::host_clock_watch_test

@@ -5,8 +5,7 @@
 #include <thread>
 #include <vector>
 
-namespace splinemap {
-namespace {
+namespace splinemap::ingest_queue_test {
 
 using std::chrono::milliseconds;
 
@@ -40,5 +39,4 @@ TEST(IngestQueueTest, AMessageLargerThanAllIsDroppedAlone) {
   EXPECT_EQ(queue.dropped(), 1);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::ingest_queue_test

@@ -12,8 +12,7 @@
 #include "lib/map/map_edits.h"
 #include "tests/support/random_map.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::layer_union_test {
 
 constexpr MapOptions kOptions{0.1, {-2560, 2560}};
 
@@ -379,5 +378,4 @@ TEST_F(LayerUnionTest, AFlatMapIsTheSumInOneLayer) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::layer_union_test

@@ -13,8 +13,7 @@
 #include "lib/wire/encode.h"
 #include "tests/support/temporary_directory.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::lcm_log_test {
 
 class LcmLogTest : public testing::Test {
  protected:
@@ -186,5 +185,4 @@ TEST_F(LcmLogTest, OtherFilesAreNoLogs) {
   EXPECT_FALSE(LcmLogWriter::Create(directory_.File("no/such/folder")).ok());
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::lcm_log_test

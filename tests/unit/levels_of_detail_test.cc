@@ -13,8 +13,7 @@
 #include "lib/map/region.h"
 #include "tests/support/random_map.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::levels_of_detail_test {
 
 using Random = std::mt19937_64;
 
@@ -211,5 +210,4 @@ TEST(MapChangesTest, BoxIsThatOfTheTilesThatChanged) {
   EXPECT_EQ(ChangedTiles(*after, *map.Snapshot()), (TileBox{-2, 3, 10, 10}));
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::levels_of_detail_test

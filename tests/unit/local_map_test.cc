@@ -11,8 +11,7 @@
 
 #include "lib/geometry/angle.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::local_map_test {
 
 constexpr double kKnot_m = 0.05;   // as MapOptions has it
 constexpr double kExtent_m = 2.4;  // of the random maps, each way from the origin
@@ -385,5 +384,4 @@ TEST(LocalMapTest, WaysAndRaysWithoutEndEnd) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::local_map_test

@@ -20,8 +20,7 @@
 #include "tests/support/random_map.h"
 #include "tests/support/shared_data.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::map_file_test {
 
 TEST_F(MapFileTest, OfALayerThatBeganAnewNothingOldIsLeft) {
   Layer& layer = map_.AddLayer({"robot", 1}, {1, 7});
@@ -585,5 +584,4 @@ TEST_F(MapFileTest, RefusesAnotherSchema) {
   EXPECT_NE(ErrorText(ReadMapFile(path_).status()).find("an older splinemap"), std::string::npos);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::map_file_test

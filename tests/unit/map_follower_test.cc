@@ -10,8 +10,7 @@
 #include "lib/replication/levels_publisher.h"
 #include "lib/wire/encode.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::map_follower_test {
 
 using std::chrono::milliseconds;
 
@@ -245,5 +244,4 @@ TEST(MapFollowerTest, ARegionIsOfTheMapFrameAtAnyLevel) {
   EXPECT_EQ(pull.layer.band, 2);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::map_follower_test

@@ -2,8 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace splinemap {
-namespace {
+namespace splinemap::map_match_test {
 
 PlacedScan ScanWithHitsAt(const std::vector<Eigen::Vector2d>& points) {
   PlacedScan scan;
@@ -33,5 +32,4 @@ TEST(MapMatchTest, BeamsWithoutHitAreNotLookedUp) {
   EXPECT_EQ(LookUpHits(scan, tiles.Freeze(), 0.1).looked_up, 0);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::map_match_test

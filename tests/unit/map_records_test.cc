@@ -5,8 +5,7 @@
 
 #include "tests/support/map_file_fixture.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::map_records_test {
 
 class MapRecordsTest : public MapFileTest {
  protected:
@@ -100,5 +99,4 @@ TEST_F(MapRecordsTest, TilesOfALayerThatIsGoneAreNobodyElses) {
   ExpectThatReadersSeeTheMap();
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::map_records_test

@@ -15,8 +15,7 @@
 #include "lib/map/merge_tiles.h"
 #include "tests/support/random_map.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::map_test {
 
 constexpr ControlLimits kLimits;
 
@@ -292,5 +291,4 @@ TEST(MapTest, ReadersNeverSeeHalfACommit) {
   EXPECT_EQ(torn, 0);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::map_test

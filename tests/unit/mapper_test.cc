@@ -10,8 +10,7 @@
 #include "lib/map/map.h"
 #include "lib/wire/encode.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::mapper_test {
 
 class MapperTest : public testing::Test {
  protected:
@@ -341,5 +340,4 @@ TEST_F(MapperTest, FlushMapsWhatTheOrderHeldBack) {
   EXPECT_EQ(mapper_->counts().scans_mapped, 1);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::mapper_test

@@ -12,8 +12,7 @@
 #include "lib/map/map_changes.h"
 #include "tests/support/random_map.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::merged_tiles_test {
 
 constexpr ControlLimits kLimits{-2560, 2560};
 
@@ -202,5 +201,4 @@ TEST(LayerControlsTest, RecordsAreBounded) {
   EXPECT_FALSE(bad.IsValid());
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::merged_tiles_test

@@ -7,8 +7,7 @@
 #include <tuple>
 #include <vector>
 
-namespace splinemap {
-namespace {
+namespace splinemap::nearest_sites_test {
 
 // Squared distance in eighths, then y and x.
 std::tuple<int64_t, int32_t, int32_t> Rank(const Site& site, int x, int y) {
@@ -53,5 +52,4 @@ TEST(NearestSitesTest, OfNoSitesNoneIsHidden) {
   EXPECT_TRUE(none.empty());
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::nearest_sites_test

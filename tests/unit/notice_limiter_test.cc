@@ -2,14 +2,15 @@
 
 #include <gtest/gtest.h>
 
-namespace splinemap {
-namespace {
+#include "lib/base/clock.h"
+
+namespace splinemap::notice_limiter_test {
 
 using std::chrono::seconds;
 
 TEST(NoticeLimiterTest, SaysEachSubjectOnceAMinuteWithTheNumberLeftUnsaid) {
   NoticeLimiter limiter;
-  const NoticeLimiter::Clock::time_point start{};
+  const Clock::time_point start{};
   const Notice late{.subject = "late", .text = "a scan is late"};
   EXPECT_EQ(limiter.Say(late, start), "a scan is late");
   for (int n = 1; n < 60; ++n) EXPECT_EQ(limiter.Say(late, start + seconds(n)), std::nullopt);
@@ -21,7 +22,7 @@ TEST(NoticeLimiterTest, SaysEachSubjectOnceAMinuteWithTheNumberLeftUnsaid) {
 
 TEST(NoticeLimiterTest, WhatIsOverIsSaidAtOnceWhenItHappensAgain) {
   NoticeLimiter limiter;
-  const NoticeLimiter::Clock::time_point start{};
+  const Clock::time_point start{};
   const Notice away{.subject = "bus", .text = "the bus is away"};
   EXPECT_EQ(limiter.Say(away, start), "the bus is away");
   limiter.Forget("bus");
@@ -29,5 +30,4 @@ TEST(NoticeLimiterTest, WhatIsOverIsSaidAtOnceWhenItHappensAgain) {
   EXPECT_EQ(limiter.Say(away, start + seconds(2)), std::nullopt);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::notice_limiter_test

@@ -5,8 +5,7 @@
 #include <cmath>
 #include <random>
 
-namespace splinemap {
-namespace {
+namespace splinemap::obstacle_search_test {
 
 // Against small steps along the way.
 TEST(NearSweepTest, RanksSquaresAndHalfPlanesByTheirFirstTouch) {
@@ -51,5 +50,4 @@ TEST(NearSweepTest, RanksSquaresAndHalfPlanesByTheirFirstTouch) {
   EXPECT_GT(left_behind, 50);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::obstacle_search_test

@@ -6,8 +6,7 @@
 #include <memory>
 #include <random>
 
-namespace splinemap {
-namespace {
+namespace splinemap::obstacle_squares_test {
 
 constexpr double kKnot_m = 0.05;  // as MapOptions has it
 
@@ -157,5 +156,4 @@ TEST(ObstacleSquaresTest, PeaksWithinASquareAreFound) {
   EXPECT_EQ(squares.rows[y] >> x & 1, 1);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::obstacle_squares_test

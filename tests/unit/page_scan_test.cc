@@ -14,8 +14,7 @@
 #include "tests/support/map_file_fixture.h"
 #include "tests/support/random_map.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::page_scan_test {
 
 constexpr size_t kPage = 4096;
 
@@ -385,5 +384,4 @@ TEST_F(DamagedPagesTest, DamageThatASaveFindsIsMendedFromTheMapInMemory) {
   ExpectEqual(*again->map, *map_.Snapshot());
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::page_scan_test

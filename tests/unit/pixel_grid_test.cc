@@ -5,8 +5,7 @@
 #include <cmath>
 #include <limits>
 
-namespace splinemap {
-namespace {
+namespace splinemap::pixel_grid_test {
 
 // Touched from knot (-4, -2) to (10, 6), 0.1 m apart.
 std::shared_ptr<const MapSnapshot> Room() {
@@ -98,5 +97,4 @@ TEST(PixelGridTest, AnEmptyMapHasPixelsOnlyInARegion) {
   EXPECT_TRUE(GridOfRegion(*map.Snapshot(), Region{0, 0, 1, 1}, 0.05).ok());
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::pixel_grid_test

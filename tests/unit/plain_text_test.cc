@@ -2,8 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace splinemap {
-namespace {
+namespace splinemap::plain_text_test {
 
 TEST(PlainTextTest, WhatIsPlainStaysTheSame) {
   for (const std::string text : {"", "robot-7", "a \"name\" with 'quotes' and \\x1b",
@@ -34,5 +33,4 @@ TEST(PlainTextTest, LinesStayLinesWhereThatIsWanted) {
   EXPECT_EQ(PlainLines("a\n\x1b b\n"), "a\n\\x1b b\n");
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::plain_text_test

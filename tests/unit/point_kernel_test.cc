@@ -6,8 +6,7 @@
 #include <limits>
 #include <random>
 
-namespace splinemap {
-namespace {
+namespace splinemap::point_kernel_test {
 
 constexpr double kKnot = 0.05;
 
@@ -97,5 +96,4 @@ TEST(PointKernelTest, EveryKernelLocatesPointsAsLocateKnotDoes) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::point_kernel_test

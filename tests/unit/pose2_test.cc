@@ -5,8 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-namespace splinemap {
-namespace {
+namespace splinemap::pose2_test {
 
 constexpr double kPi = std::numbers::pi;
 
@@ -42,5 +41,4 @@ TEST(Pose2Test, YawOfAQuaternionIgnoresRollOfTheBody) {
   EXPECT_NEAR(YawOfQuaternion(cy * cr, cy * sr, sy * sr, sy * cr), yaw, 1e-12);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::pose2_test

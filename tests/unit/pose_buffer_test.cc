@@ -2,8 +2,7 @@
 
 #include <gtest/gtest.h>
 
-namespace splinemap {
-namespace {
+namespace splinemap::pose_buffer_test {
 
 using std::chrono::milliseconds;
 using std::chrono::seconds;
@@ -68,5 +67,4 @@ TEST(PoseBufferTest, IsBoundedAgainstAFlood) {
   EXPECT_EQ(poses.oldest(), Utime(100));
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::pose_buffer_test

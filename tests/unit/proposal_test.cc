@@ -9,8 +9,7 @@
 #include "lib/wire/encode.h"
 #include "tests/support/room_drive.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::proposal_test {
 
 using std::chrono::milliseconds;
 using std::chrono::seconds;
@@ -270,5 +269,4 @@ TEST_F(ProposalTest, OddThingsAreRemarkedOn) {
   EXPECT_NE(all.find("LIDAR: its beam times are all the same"), std::string::npos) << all;
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::proposal_test

@@ -8,8 +8,7 @@
 #include "services/splinemapd/command_server.h"
 #include "tests/support/queries.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::query_server_test {
 
 using std::chrono::milliseconds;
 
@@ -274,5 +273,4 @@ TEST_F(CommandServerTest, SwitchedOffItRefusesAll) {
   EXPECT_TRUE(Done().empty());
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::query_server_test

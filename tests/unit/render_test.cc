@@ -8,8 +8,7 @@
 #include "lib/render/terminal.h"
 #include "tests/support/temporary_directory.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::render_test {
 
 // Free from knot (-4, -2) to (10, 6), with an occupied block around (5, 3).
 std::shared_ptr<const MapSnapshot> Room() {
@@ -101,5 +100,4 @@ TEST(TerminalTest, StaysWithinTheWindow) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::render_test

@@ -20,8 +20,7 @@
 #include "tests/support/raw_message.h"
 #include "tests/support/temporary_directory.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::replay_property_test {
 
 using std::chrono::microseconds;
 using std::chrono::milliseconds;
@@ -372,5 +371,4 @@ TEST(ReplayPropertyTest, BeyondTheWaitsItDoes) {
   EXPECT_GT(poses_too_late, 15);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::replay_property_test

@@ -19,8 +19,7 @@
 #include "tests/support/lossy_network.h"
 #include "tests/support/random_map.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::replication_test {
 
 using std::chrono::milliseconds;
 using Random = std::mt19937_64;
@@ -1136,5 +1135,4 @@ TEST_P(RandomSchedule, EndsWithEqualBytes) {
 
 INSTANTIATE_TEST_SUITE_P(Seeds, RandomSchedule, testing::Range(1, 9));
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::replication_test

@@ -6,15 +6,14 @@
 #include <set>
 
 #include "clients/client/pending_query.h"
+#include "lib/base/clock.h"
 #include "lib/query/local_map.h"
 #include "lib/rpc/answer.h"
 #include "tests/support/queries.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::request_flow_test {
 
 using std::chrono::milliseconds;
-using Clock = RequestFlow::Clock;
 using Message = std::vector<uint8_t>;
 
 // Answers at once, from the newest map: it pins nothing.
@@ -321,5 +320,4 @@ TEST_F(RequestFlowTest, ForgedRepliesAreNotTaken) {
   EXPECT_EQ(statuses_.size(), 1u);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::request_flow_test

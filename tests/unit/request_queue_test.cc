@@ -7,8 +7,7 @@
 #include <utility>
 #include <vector>
 
-namespace splinemap {
-namespace {
+namespace splinemap::request_queue_test {
 
 using Pushed = RequestQueue::Pushed;
 
@@ -136,5 +135,4 @@ TEST(RequestQueueTest, ARequestThatIsSentAgainWaitsOnce) {
   EXPECT_EQ(queue.Push(Request(1, 1), bytes), Pushed::kTaken);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::request_queue_test

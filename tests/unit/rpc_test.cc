@@ -8,8 +8,7 @@
 #include "lib/wire/encode.h"
 #include "tests/support/queries.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::rpc_test {
 
 reply_t Head() {
   reply_t head{};
@@ -278,5 +277,4 @@ TEST_F(RpcTest, EveryRequestCanBeRefused) {
   EXPECT_TRUE(refuse(points_reply_t{}).empty());
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::rpc_test

@@ -8,8 +8,7 @@
 #include <tuple>
 #include <vector>
 
-namespace splinemap {
-namespace {
+namespace splinemap::scan_queue_test {
 
 using std::chrono::milliseconds;
 using std::chrono::seconds;
@@ -400,5 +399,4 @@ TEST(ScanQueueLawTest, TheInterleavingOfChannelsDoesNotMatter) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::scan_queue_test

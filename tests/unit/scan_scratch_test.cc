@@ -4,8 +4,7 @@
 
 #include "lib/map/map.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::scan_scratch_test {
 
 constexpr int kUnit = 1 << ScanScratch::kFractionBits;  // one unit of a control point
 constexpr ControlLimits kLimits;
@@ -78,5 +77,4 @@ TEST_F(ScanScratchTest, IsEmptyAfterACommit) {
   EXPECT_EQ(scratch_.At(0, 0), 0);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::scan_scratch_test

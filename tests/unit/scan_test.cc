@@ -6,8 +6,7 @@
 #include <limits>
 #include <numbers>
 
-namespace splinemap {
-namespace {
+namespace splinemap::scan_test {
 
 using std::chrono::milliseconds;
 using std::chrono::seconds;
@@ -171,5 +170,4 @@ TEST(PrepareScanTest, NoBeamAndOneBeamAreScansToo) {
   EXPECT_EQ(PrepareScan(Readings({1}), options, 0)->last_beam, milliseconds(0));
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::scan_test

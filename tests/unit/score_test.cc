@@ -4,8 +4,7 @@
 
 #include <cmath>
 
-namespace splinemap {
-namespace {
+namespace splinemap::score_test {
 
 TEST(ScoreTest, AucOfAPerfectMapIsOneAndOfItsOppositeZero) {
   EXPECT_EQ(Auc({1, 2, 3}, {-1, 0}), 1);
@@ -38,5 +37,4 @@ TEST(ScoreTest, QuantilesAreAmongTheValues) {
   EXPECT_EQ(Quantile({3, 1, 2}, 1), 3);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::score_test

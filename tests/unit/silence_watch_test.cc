@@ -2,14 +2,15 @@
 
 #include <gtest/gtest.h>
 
-namespace splinemap {
-namespace {
+#include "lib/base/clock.h"
+
+namespace splinemap::silence_watch_test {
 
 using Change = SilenceWatch::Change;
 using std::chrono::seconds;
 
 TEST(SilenceWatchTest, TellsWhenAChannelFallsSilentAndWhenItIsHeardAgain) {
-  const SilenceWatch::Clock::time_point start{};
+  const Clock::time_point start{};
   SilenceWatch watch(start);
   EXPECT_EQ(watch.Look(0, start + seconds(4)), Change::kNone);
   EXPECT_EQ(watch.Look(0, start + seconds(5)), Change::kSilent);
@@ -20,5 +21,4 @@ TEST(SilenceWatchTest, TellsWhenAChannelFallsSilentAndWhenItIsHeardAgain) {
   EXPECT_EQ(watch.Look(4, start + seconds(16)), Change::kSilent);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::silence_watch_test

@@ -7,8 +7,7 @@
 
 #include "lib/config/checked_text.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::simulation_test {
 
 constexpr double kPi = std::numbers::pi;
 
@@ -73,5 +72,4 @@ TEST(OfficeFloorTest, TheDriveStaysInsideAndTouchesNothing) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::simulation_test

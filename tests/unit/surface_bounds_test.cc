@@ -8,8 +8,7 @@
 
 #include "lib/query/cell_patch.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::surface_bounds_test {
 
 // Of one cell, as the definition says.
 struct Cell {
@@ -100,5 +99,4 @@ TEST(SurfaceBoundsTest, AreThoseOfTheCellsWhateverWasSeenBefore) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::surface_bounds_test

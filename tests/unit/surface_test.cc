@@ -11,8 +11,7 @@
 #include "lib/map/map.h"
 #include "tests/support/random_map.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::surface_test {
 
 // A spline over a block of control points as the tensor product of Eigen's one-dimensional splines,
 // which know nothing of ours: values and derivatives of each basis function come from their tables.
@@ -118,5 +117,4 @@ TEST(SurfaceTest, ProbabilityNeitherOverflowsNorLeavesItsRange) {
   EXPECT_EQ(Probability(-std::numeric_limits<double>::infinity()), 0);
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::surface_test

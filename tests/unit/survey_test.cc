@@ -5,8 +5,7 @@
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lib/wire/encode.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::survey_test {
 
 using std::chrono::milliseconds;
 
@@ -105,5 +104,4 @@ TEST(SurveyTest, ChannelsAreChosenWhereThereIsNoChoice) {
             "ODOMETER is no channel of poses (did you mean ODOMETRY?); there are: ODOMETRY, POSE");
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::survey_test

@@ -9,8 +9,7 @@
 
 #include "tests/support/random_map.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::tile_tree_test {
 
 using Content = std::map<std::pair<int32_t, int32_t>, std::pair<Tile, uint64_t>>;
 
@@ -144,5 +143,4 @@ TEST(TileTreeTest, VisitsJustWhatChangedSinceAnEarlierFreeze) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::tile_tree_test

@@ -8,8 +8,7 @@
 
 #include "tests/support/random_map.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::tile_update_test {
 
 TEST(TileUpdateTest, RoundTrips) {
   std::mt19937_64 random(1);
@@ -50,5 +49,4 @@ TEST(TileUpdateTest, RefusesContentOfAnotherSize) {
   EXPECT_FALSE(DecodeTile("no zstd at all").ok());
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::tile_update_test

@@ -13,6 +13,7 @@
 #include <opencv2/imgproc.hpp>
 #include <random>
 
+#include "lib/base/clock.h"
 #include "lib/config/config.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
@@ -23,7 +24,6 @@
 namespace splinemap::bench {
 namespace {
 
-using Clock = std::chrono::steady_clock;
 using Points = std::vector<Eigen::Vector2d>;
 
 constexpr double kRayRange_m = 30;

@@ -11,7 +11,7 @@ namespace {
 
 constexpr int8_t kUnknown = -1;
 // Time, frame, resolution, size, pose of the origin, and LCM's own.
-constexpr double kHeaderBytes = 100;
+constexpr double kGridHeaderBytes = 100;
 
 int8_t Occupancy(const SurfaceSample& sample) {
   if (!sample.known) return kUnknown;
@@ -68,8 +68,8 @@ MessageBytes GridMessages::Message(const Box& box) const {
   std::vector<char> compressed(ZSTD_compressBound(message.size()));
   const size_t bytes = ZSTD_compress(compressed.data(), compressed.size(), message.data(),
                                      message.size(), /*compressionLevel=*/3);
-  return {kHeaderBytes + static_cast<double>(message.size()),
-          kHeaderBytes + static_cast<double>(bytes)};
+  return {kGridHeaderBytes + static_cast<double>(message.size()),
+          kGridHeaderBytes + static_cast<double>(bytes)};
 }
 
 }  // namespace splinemap::bench

@@ -8,13 +8,12 @@
 #include <vector>
 
 #include "fmt/format.h"
+#include "lib/base/clock.h"
 #include "lib/query/local_map.h"
 #include "lib/rpc/messages.h"
 
 namespace splinemap::bench {
 namespace {
-
-using Clock = std::chrono::steady_clock;
 
 constexpr double kKnotInterval_m = 0.05;
 constexpr double kTile_m = Tile::kSide * kKnotInterval_m;

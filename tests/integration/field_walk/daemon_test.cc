@@ -23,8 +23,7 @@
 #include "tests/support/temporary_directory.h"
 #include "tests/support/valid_messages.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::field_walk_daemon_test {
 
 using std::chrono::milliseconds;
 using std::chrono::seconds;
@@ -278,5 +277,4 @@ TEST_F(DaemonWalkTest, NoFieldOfAMessageHarmsADaemon) {
   }
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::field_walk_daemon_test

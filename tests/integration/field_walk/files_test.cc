@@ -20,8 +20,7 @@
 #include "tests/support/random_map.h"
 #include "tests/support/temporary_directory.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::field_walk_files_test {
 
 using google::protobuf::FieldDescriptor;
 using google::protobuf::Message;
@@ -341,5 +340,4 @@ TEST_F(FileWalkTest, NoColumnOfATableCostsTheFile) {
   StartDaemons();
 }
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::field_walk_files_test

@@ -19,8 +19,7 @@
 #include "tests/support/temporary_directory.h"
 #include "tests/support/valid_messages.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::field_walk_protocol_test {
 
 using std::chrono::milliseconds;
 using std::chrono::seconds;
@@ -283,5 +282,4 @@ INSTANTIATE_TEST_SUITE_P(
              }}),
     [](const auto& walk) { return walk.param.name; });
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::field_walk_protocol_test

@@ -7,14 +7,14 @@
 
 #include "clients/client/pending_query.h"
 #include "clients/client/request_flow.h"
+#include "lib/base/clock.h"
 #include "lib/query/local_map.h"
 #include "lib/rpc/answer.h"
 #include "lib/wire/encode.h"
 #include "tests/integration/field_walk/variants.h"
 #include "tests/support/queries.h"
 
-namespace splinemap {
-namespace {
+namespace splinemap::field_walk_replies_test {
 
 using std::chrono::milliseconds;
 using std::chrono::seconds;
@@ -100,7 +100,7 @@ class Asking {
   static constexpr int64_t kNonce = 1234567;
 
   RequestFlow flow_{"MAP", "robot", 7};
-  RequestFlow::Clock::time_point now_{std::chrono::hours(1)};
+  Clock::time_point now_{std::chrono::hours(1)};
 };
 
 struct Walk {
@@ -180,5 +180,4 @@ TEST_P(SearchWalkTest, NoFieldOfAReplyHidesTheDaemon) { WalkAll(/*searches=*/tru
 INSTANTIATE_TEST_SUITE_P(, SearchWalkTest, testing::Values(Walks()[0]),
                          [](const auto& walk) { return walk.param.name; });
 
-}  // namespace
-}  // namespace splinemap
+}  // namespace splinemap::field_walk_replies_test
