@@ -50,7 +50,7 @@ preset=${1:-}
 case $preset in
   dev) run dev "$@" ;;
   asan) run asan -L unit "$@" ;;
-  tsan) run tsan -R '^(DaemonTest|IngestQueueTest|MapTest|QueryServerTest|CommandServerTest|asking)' "$@" ;;
+  tsan) run tsan -R '^(DaemonTest|MailboxTest|MapViewTest|RequestServerTest|CommandTest|asking)' "$@" ;;
   "")
     run asan -L unit
     configure dev

@@ -9,7 +9,7 @@ record KnotBox(int min_i, int max_i, int min_j, int max_j) {
     return min_i > max_i;
   }
 
-  /** The least box that also has the control points of a tile that are not 0. */
+  /** The least box that also has the known control points of a tile. */
   KnotBox with(Node tile, short[] points) {
     int left = min_i;
     int right = max_i;
@@ -17,8 +17,8 @@ record KnotBox(int min_i, int max_i, int min_j, int max_j) {
     int top = max_j;
     for (int k = 0; k < points.length; ++k) {
       if (points[k] == 0) continue;
-      int i = TileCode.SIDE * tile.x() + k % TileCode.SIDE;
-      int j = TileCode.SIDE * tile.y() + k / TileCode.SIDE;
+      int i = TileCodec.SIDE * tile.x() + k % TileCodec.SIDE;
+      int j = TileCodec.SIDE * tile.y() + k / TileCodec.SIDE;
       left = Math.min(left, i);
       right = Math.max(right, i);
       bottom = Math.min(bottom, j);

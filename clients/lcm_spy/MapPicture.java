@@ -3,7 +3,7 @@ package splinemap.spy;
 import java.awt.image.BufferedImage;
 import java.util.Arrays;
 
-/** Draws the surface of a map: black occupied, white free, blue-grey never seen. */
+/** Draws the surface of a map: black is occupied, white is free, blue-grey is unknown. */
 final class MapPicture {
   static final double MAX_KNOTS_PER_PIXEL = 16;  // coarser ones would take long to draw
   private static final int MAX_SAMPLES_PER_PIXEL = 4;  // each way
@@ -23,10 +23,10 @@ final class MapPicture {
   }
 
   /**
-   * The pixels right and down of a corner, each the surface at its centre; of pixels larger than a
-   * knot interval the most occupied place of several, so that no wall is lost.
+   * The pixels right and down of a corner. A pixel shows the surface at its centre. Pixels larger
+   * than a knot interval show the most occupied of several places, so that no wall is lost.
    */
-  static BufferedImage draw(MapCopy map, double left_m, double top_m, double pixel_m, int width,
+  static BufferedImage draw(MapFollower map, double left_m, double top_m, double pixel_m, int width,
                             int height) {
     BufferedImage image = new BufferedImage(width, height, BufferedImage.TYPE_INT_RGB);
     synchronized (map) {

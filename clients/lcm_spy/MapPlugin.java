@@ -23,28 +23,26 @@ import lcm.spy.ChannelData;
 import lcm.spy.SpyPlugin;
 import splinemap.layer_digest_t;
 import splinemap.layer_updates_t;
-import splinemap.stand_in_digest_t;
 
-/** The map as it grows, in a window of lcm-spy. */
+/** Shows the map as it grows, in a window of lcm-spy. */
 public final class MapPlugin implements SpyPlugin {
   private static final int REFRESH_MS = 200;
 
-  /** Of digests, too: while a robot stands still, there are no updates to click on. */
+  /** Digests count, too: there are no updates to click on while a robot stands still. */
   @Override
   public boolean canHandle(long fingerprint) {
     return fingerprint == layer_updates_t.LCM_FINGERPRINT
-        || fingerprint == layer_digest_t.LCM_FINGERPRINT
-        || fingerprint == stand_in_digest_t.LCM_FINGERPRINT;
+        || fingerprint == layer_digest_t.LCM_FINGERPRINT;
   }
 
-  /** lcm-spy asks for the name with null and null. */
+  /** lcm-spy passes null twice when it asks for the name. */
   @Override
   public Action getAction(JDesktopPane desktop, ChannelData channel) {
     return new AbstractAction("Map...") {
       @Override
       public void actionPerformed(ActionEvent event) {
         try {
-          Zstd.maxCompressionLevel();  // its native part is there, or says so
+          Zstd.maxCompressionLevel();  // fails where the native part is missing
           show(desktop, channel.name.replaceFirst("_[A-Z]+$", ""));
         } catch (IOException | LinkageError e) {
           fill(desktop, channel.name, new JLabel("There is no map to show: " + e));
@@ -54,8 +52,8 @@ public final class MapPlugin implements SpyPlugin {
   }
 
   private static void show(JDesktopPane desktop, String channel_prefix) throws IOException {
-    MapFollower follower = new MapFollower(channel_prefix);
-    MapCopy map = follower.map();
+    MapReplica replica = new MapReplica(channel_prefix);
+    MapFollower map = replica.map();
     JLabel status = new JLabel(" ");
     JLabel cursor = new JLabel(" ");
     MapView view = new MapView(map, cursor::setText);
@@ -67,7 +65,7 @@ public final class MapPlugin implements SpyPlugin {
     panel.add(view, BorderLayout.CENTER);
     panel.add(line, BorderLayout.SOUTH);
     Timer timer = new Timer(REFRESH_MS, tick -> {
-      long now_ms = MapFollower.nowMs();
+      long now_ms = MapReplica.nowMs();
       if (map.refresh(now_ms)) view.refresh();
       status.setText(map.status(now_ms));
     });
@@ -77,13 +75,13 @@ public final class MapPlugin implements SpyPlugin {
       @Override
       public void windowClosing(WindowEvent event) {
         timer.stop();
-        follower.close();
+        replica.close();
         window.dispose();
       }
     });
   }
 
-  // lcm-spy opens a window with a desktop for each viewer: a frame in it needs no edge or title.
+  // lcm-spy opens a window with a desktop for each viewer, so a frame in it needs no edge or title.
   private static JFrame fill(JDesktopPane desktop, String title, JComponent content) {
     JInternalFrame frame = new JInternalFrame();
     frame.setContentPane(content);

@@ -10,16 +10,16 @@ import java.util.function.Consumer;
 import javax.swing.JComponent;
 
 /**
- * Shows a map, fitted to the window until someone zooms by the wheel or drags; a double click fits
- * it again. Tells what is under the cursor.
+ * Shows a map, fitted to the window until someone zooms by the wheel or drags. A double click fits
+ * it again. A callback gets a text about the place under the cursor.
  */
 final class MapView extends JComponent {
   private static final double ZOOM_PER_NOTCH = 1.25;
   private static final double MIN_KNOTS_PER_PIXEL = 1.0 / 64;
-  private static final double MAX_KNOTS = 1 << 28;  // there is no tile beyond
+  private static final double MAX_KNOTS = 1 << 28;  // no tile is beyond
   private static final int MARGIN_PX = 10;
 
-  private final MapCopy map;
+  private final MapFollower map;
   private final Consumer<String> tell;
   private boolean fits = true;
   private double pixel_m = 0.05;
@@ -27,7 +27,7 @@ final class MapView extends JComponent {
   private double centre_y_m;
   private Point cursor;
 
-  MapView(MapCopy map, Consumer<String> tell) {
+  MapView(MapFollower map, Consumer<String> tell) {
     this.map = map;
     this.tell = tell;
     setPreferredSize(new Dimension(700, 500));
@@ -92,7 +92,7 @@ final class MapView extends JComponent {
     double y_m = yM(cursor.y + 0.5);
     double log_odds = map.logOdds(x_m, y_m);
     String value = Double.isNaN(log_odds)
-        ? "never seen"
+        ? "unknown"
         : String.format("log-odds %.2f, probability %.3f", log_odds,
                         MapPicture.probability(log_odds));
     tell.accept(String.format("x %.2f m, y %.2f m: %s", x_m, y_m, value));
@@ -118,7 +118,7 @@ final class MapView extends JComponent {
     @Override
     public void mouseWheelMoved(MouseWheelEvent event) {
       fits = false;
-      // What is under the cursor stays there.
+      // The place under the cursor stays there.
       double x_m = xM(event.getX());
       double y_m = yM(event.getY());
       setPixel(pixel_m * Math.pow(ZOOM_PER_NOTCH, event.getPreciseWheelRotation()));

@@ -2,74 +2,27 @@ package splinemap.spy;
 
 import java.nio.ByteBuffer;
 import java.nio.charset.StandardCharsets;
-import splinemap.control_records_t;
-import splinemap.layer_control_t;
 import splinemap.layer_digest_t;
-import splinemap.layer_epoch_t;
 import splinemap.layer_listing_t;
+import splinemap.layer_ref_t;
+import splinemap.layer_settings_t;
 import splinemap.layer_updates_t;
 import splinemap.node_listing_t;
-import splinemap.stand_in_digest_t;
+import splinemap.settings_t;
 import splinemap.tile_update_t;
 
 /**
- * Decodes what any process may have put on the bus, which the generated decoders do not stand: they
- * allocate what a message claims. Here a RuntimeException is all that a bad message causes.
+ * Decodes what any process may have put on the bus. A malformed message causes a RuntimeException,
+ * while the generated decoders allocate as much as it claims.
  */
 final class Messages {
   private static final int MAX_NAME_BYTES = 256;
 
   static layer_digest_t digest(byte[] message) {
-    return digest(open(message, layer_digest_t.LCM_FINGERPRINT));
-  }
-
-  static stand_in_digest_t standInDigest(byte[] message) {
-    ByteBuffer in = open(message, stand_in_digest_t.LCM_FINGERPRINT);
-    stand_in_digest_t stand_in = new stand_in_digest_t();
-    stand_in.daemon_nonce = in.getLong();
-    stand_in.digest = digest(in);
-    return stand_in;
-  }
-
-  static control_records_t controls(byte[] message) {
-    ByteBuffer in = open(message, control_records_t.LCM_FINGERPRINT);
-    control_records_t controls = new control_records_t();
-    controls.sender = in.getLong();
-    controls.hash = in.getLong();
-    controls.num_records = count(in, 4 + 8 + 2 + 2 * 4 + 3 * 8 + 3 * 8 + 1);
-    controls.records = new layer_control_t[controls.num_records];
-    for (int k = 0; k < controls.num_records; ++k) controls.records[k] = control(in);
-    check(!in.hasRemaining());
-    return controls;
-  }
-
-  static layer_updates_t updates(byte[] message) {
-    ByteBuffer in = open(message, layer_updates_t.LCM_FINGERPRINT);
-    layer_updates_t updates = new layer_updates_t();
-    updates.layer = epoch(in);
-    updates.num_tiles = count(in, 4 + 4 + 8 + 8 + 8 + 4);
-    updates.tiles = new tile_update_t[updates.num_tiles];
-    for (int k = 0; k < updates.num_tiles; ++k) updates.tiles[k] = tile(in);
-    check(!in.hasRemaining());
-    return updates;
-  }
-
-  static layer_listing_t listing(byte[] message) {
-    ByteBuffer in = open(message, layer_listing_t.LCM_FINGERPRINT);
-    layer_listing_t listing = new layer_listing_t();
-    listing.layer = epoch(in);
-    listing.state = in.getLong();
-    listing.num_nodes = count(in, 4 * 4);
-    listing.nodes = new node_listing_t[listing.num_nodes];
-    for (int k = 0; k < listing.num_nodes; ++k) listing.nodes[k] = node(in);
-    check(!in.hasRemaining());
-    return listing;
-  }
-
-  /** At the end of a message. */
-  private static layer_digest_t digest(ByteBuffer in) {
+    ByteBuffer in = open(message, layer_digest_t.LCM_FINGERPRINT);
     layer_digest_t digest = new layer_digest_t();
-    digest.layer = epoch(in);
+    digest.speaker = in.getLong();
+    digest.layer = layer(in);
     digest.protocol_version = in.getInt();
     digest.utime = in.getLong();
     digest.knot_interval_m = in.getDouble();
@@ -88,43 +41,77 @@ final class Messages {
     return digest;
   }
 
-  private static layer_control_t control(ByteBuffer in) {
-    layer_control_t control = new layer_control_t();
-    control.name = name(in);
-    control.origin = in.getLong();
-    control.muted = in.get() != 0;
-    control.yields = in.get() != 0;
-    control.shift_i = in.getInt();
-    control.shift_j = in.getInt();
-    control.x_m = in.getDouble();
-    control.y_m = in.getDouble();
-    control.yaw_rad = in.getDouble();
-    control.counter = in.getLong();
-    control.writer = in.getLong();
-    control.removed_up_to = in.getLong();
-    control.has_layer = in.get() != 0;
-    return control;
+  static settings_t settings(byte[] message) {
+    ByteBuffer in = open(message, settings_t.LCM_FINGERPRINT);
+    settings_t settings = new settings_t();
+    settings.speaker = in.getLong();
+    settings.hash = in.getLong();
+    settings.num_layers = count(in, 4 + 8 + 2 + 2 * 4 + 3 * 8 + 1);
+    settings.layers = new layer_settings_t[settings.num_layers];
+    for (int k = 0; k < settings.num_layers; ++k) settings.layers[k] = layerSettings(in);
+    check(!in.hasRemaining());
+    return settings;
+  }
+
+  static layer_updates_t updates(byte[] message) {
+    ByteBuffer in = open(message, layer_updates_t.LCM_FINGERPRINT);
+    layer_updates_t updates = new layer_updates_t();
+    updates.speaker = in.getLong();
+    updates.layer = layer(in);
+    updates.num_tiles = count(in, 4 + 4 + 8 + 8 + 8 + 4);
+    updates.tiles = new tile_update_t[updates.num_tiles];
+    for (int k = 0; k < updates.num_tiles; ++k) updates.tiles[k] = tile(in);
+    check(!in.hasRemaining());
+    return updates;
+  }
+
+  static layer_listing_t listing(byte[] message) {
+    ByteBuffer in = open(message, layer_listing_t.LCM_FINGERPRINT);
+    layer_listing_t listing = new layer_listing_t();
+    listing.speaker = in.getLong();
+    listing.layer = layer(in);
+    listing.state = in.getLong();
+    listing.num_nodes = count(in, 4 * 4);
+    listing.nodes = new node_listing_t[listing.num_nodes];
+    for (int k = 0; k < listing.num_nodes; ++k) listing.nodes[k] = node(in);
+    check(!in.hasRemaining());
+    return listing;
+  }
+
+  private static layer_settings_t layerSettings(ByteBuffer in) {
+    layer_settings_t settings = new layer_settings_t();
+    settings.name = name(in);
+    settings.origin = in.getLong();
+    settings.muted = in.get() != 0;
+    settings.low_weight = in.get() != 0;
+    settings.shift_i = in.getInt();
+    settings.shift_j = in.getInt();
+    settings.counter = in.getLong();
+    settings.writer = in.getLong();
+    settings.removed_up_to = in.getLong();
+    settings.has_layer = in.get() != 0;
+    return settings;
   }
 
   private static String name(ByteBuffer in) {
     byte[] bytes = new byte[count(in, 1)];
     in.get(bytes);
     check(bytes.length > 1 && bytes.length <= MAX_NAME_BYTES + 1 && bytes[bytes.length - 1] == 0);
-    // LCM's own coding of strings in Java, in which a pull gives the name back as it came.
+    // LCM encodes strings so in Java, so a pull has the same bytes of the name.
     String name = new String(bytes, 0, bytes.length - 1, StandardCharsets.ISO_8859_1);
     check(name.indexOf('\0') < 0);
     return name;
   }
 
-  private static layer_epoch_t epoch(ByteBuffer in) {
-    layer_epoch_t epoch = new layer_epoch_t();
-    epoch.name = name(in);
-    epoch.origin = in.getLong();
-    epoch.incarnation = in.getLong();
-    epoch.nonce = in.getLong();
-    epoch.detail_level = in.get();
-    epoch.band = in.get();
-    return epoch;
+  private static layer_ref_t layer(ByteBuffer in) {
+    layer_ref_t layer = new layer_ref_t();
+    layer.name = name(in);
+    layer.origin = in.getLong();
+    layer.session_number = in.getLong();
+    layer.session_nonce = in.getLong();
+    layer.level = in.get();
+    layer.statistic = in.get();
+    return layer;
   }
 
   private static tile_update_t tile(ByteBuffer in) {
@@ -161,10 +148,10 @@ final class Messages {
     return in;
   }
 
-  /** Of elements that have at least so many bytes each, which are there. */
-  private static int count(ByteBuffer in, int bytes_each) {
+  // A number of elements, checked against the bytes that are left.
+  private static int count(ByteBuffer in, int min_bytes_each) {
     int count = in.getInt();
-    check(count >= 0 && (long) count * bytes_each <= in.remaining());
+    check(count >= 0 && (long) count * min_bytes_each <= in.remaining());
     return count;
   }
 

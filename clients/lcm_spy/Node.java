@@ -5,7 +5,7 @@ record Node(int level, int x, int y) {
   static final int MAX_LEVEL = 8;  // from there on nodes have x, y in {-1, 0}
   private static final int MAX_TILE = 1 << 23;
 
-  /** Whether the protocol knows such a node. */
+  /** Whether the protocol has such a node. */
   boolean isValid() {
     if (level < 0 || level > MAX_LEVEL) return false;
     if (level == 0) return Math.abs((long) x) <= MAX_TILE && Math.abs((long) y) <= MAX_TILE;

@@ -2,16 +2,16 @@ package splinemap.spy;
 
 /** The surface of a map along a line of one y. Coordinates are in knot intervals. */
 final class SurfaceRow {
-  private final MapCopy map;
+  private final MapFollower map;
   private final int first_i;
   private final short[][] rows = new short[4][];  // of control points, from (first_i, first_j) on
   private int first_j = Integer.MIN_VALUE;
   private final double[] sums;  // of the columns of `rows`, weighted for y
-  private short[] nearest;      // of `rows` to y
+  private short[] nearest;      // the one of `rows` that is nearest to y
   private final double[] weights = new double[4];
 
   /** For x in [min_x, max_x]. */
-  SurfaceRow(MapCopy map, double min_x, double max_x) {
+  SurfaceRow(MapFollower map, double min_x, double max_x) {
     this.map = map;
     first_i = (int) Math.floor(min_x) - 1;
     int num_knots = (int) Math.floor(max_x) + 3 - first_i;
@@ -35,7 +35,7 @@ final class SurfaceRow {
     nearest = rows[y - j < 0.5 ? 1 : 2];
   }
 
-  /** Log-odds; NaN where the control point nearest to the point was never seen. */
+  /** Log-odds; NaN where the control point nearest to the point is unknown. */
   double at(double x) {
     int i = (int) Math.floor(x);
     int k = i - 1 - first_i;

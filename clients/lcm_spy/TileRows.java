@@ -9,7 +9,7 @@ import java.util.function.Function;
 final class TileRows {
   /** Copies control points (i, j), (i + 1, j) .. to [begin, end); 0 where there is no tile. */
   static void copy(Function<Node, short[]> tiles, int i, int j, short[] to, int begin, int end) {
-    int side = TileCode.SIDE;
+    int side = TileCodec.SIDE;
     int ty = Math.floorDiv(j, side);
     while (begin < end) {
       int in_tile = Math.floorMod(i, side);
@@ -25,10 +25,10 @@ final class TileRows {
     }
   }
 
-  /** A tile of the map, which has control point (i, j) of the layer at (i, j) + the shift. */
+  /** A tile of the map: control point (i, j) of the layer is at (i, j) + the shift. */
   static short[] shifted(Function<Node, short[]> layer, Node tile, int shift_i, int shift_j) {
     if (shift_i == 0 && shift_j == 0) return layer.apply(tile);
-    int side = TileCode.SIDE;
+    int side = TileCodec.SIDE;
     short[] points = new short[side * side];
     for (int row = 0; row < side; ++row) {
       copy(layer, side * tile.x() - shift_i, side * tile.y() - shift_j + row, points, side * row,
@@ -40,9 +40,9 @@ final class TileRows {
     return null;
   }
 
-  /** The tiles of the map, up to four, that have something of a layer's. */
+  /** The tiles of the map, up to four, that overlap a shifted tile of a layer. */
   static Set<Node> keysOfShifted(Node tile, int shift_i, int shift_j) {
-    int side = TileCode.SIDE;
+    int side = TileCodec.SIDE;
     int i = side * tile.x() + shift_i;
     int j = side * tile.y() + shift_j;
     Set<Node> keys = new HashSet<>();

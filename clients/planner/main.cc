@@ -12,15 +12,15 @@
 
 #include "clients/planner/path_planner.h"
 #include "clients/planner/picture.h"
-#include "clients/replica/map_replica.h"
 #include "lcmtypes/michigan/path2D_t.hpp"
 #include "lib/base/host_clock.h"
 #include "lib/base/mutex.h"
 #include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 #include "lib/query/local_map.h"
-#include "lib/wire/decode.h"
+#include "lib/replica/map_replica.h"
 #include "lib/wire/lcm_bus.h"
+#include "lib/wire/sensor_messages.h"
 
 namespace splinemap {
 namespace {
@@ -74,16 +74,16 @@ bool Touches(const Path& path, double radius_m, const Region& changed) {
          box.min().y() - radius_m <= changed.y1_m && box.max().y() + radius_m >= changed.y0_m;
 }
 
-Region Mapped(const MapSnapshot& map) {
+Region Mapped(const MapView& map) {
   TileBox tiles;
-  map.merged.ForEach([&](TileKey key, const TileTree::Entry&) { tiles.Add(key); });
+  map.tiles.ForEach([&](TileKey key, const TileTree::Entry&) { tiles.Add(key); });
   return RegionOf(tiles, map.options.knot_interval_m);
 }
 
 bool IsInSync(const MapReplica& replica) {
-  const std::vector<FollowedLayer> layers = replica.Layers();
+  const std::vector<FollowedLayer> layers = replica.FollowedLayers();
   return !layers.empty() && std::all_of(layers.begin(), layers.end(),
-                                        [](const FollowedLayer& layer) { return layer.in_sync; });
+                                        [](const FollowedLayer& layer) { return layer.caught_up; });
 }
 
 double Length(const Path& path) {
@@ -129,18 +129,18 @@ class PlannerNode {
     SPLINEMAP_ASSIGN_OR_RETURN(
         const auto replica,
         MapReplica::Follow(flags_.lcm_url, flags_.follow,
-                           [&](const MapSnapshot&, const Region& region) { changes.Add(region); }));
+                           [&](const MapView&, const Region& region) { changes.Add(region); }));
     fmt::print(stderr, "waiting for a whole map on {}_DIGESTS\n", flags_.follow.channel_prefix);
     while (!IsInSync(*replica)) {
       bus_.Handle(kTick);
-      TellNews();
+      ReportNews();
     }
     while (true) {
       // All that came while it planned, so that it begins where the robot is.
       for (auto wait = kTick; bus_.Handle(wait) == LcmBus::Handled::kMessage;) wait = {};
-      TellNews();
+      ReportNews();
       const std::optional<Changes::Change> change = changes.Take();
-      if (change) map_.Show(replica->Snapshot());
+      if (change) map_.Use(replica->View());
       if (!start_ || !goal_) continue;
       SPLINEMAP_ASSIGN_OR_RETURN(const bool is_needed, NeedsPlan(change));
       if (is_needed) SPLINEMAP_RETURN_IF_ERROR(Plan(change));
@@ -160,8 +160,8 @@ class PlannerNode {
     });
   }
 
-  void TellNews() {
-    if (const auto news = bus_.TakeNews()) fmt::print(stderr, "{}\n", *news);
+  void ReportNews() {
+    if (const auto news = bus_.DrainNews()) fmt::print(stderr, "{}\n", *news);
   }
 
   void SetGoal(const Pose2& goal) {
@@ -179,8 +179,8 @@ class PlannerNode {
 
   absl::Status Plan(const std::optional<Changes::Change>& change) {
     const Clock::time_point begin = Clock::now();
-    absl::StatusOr<Path> path = PlanPath(map_, Mapped(*map_.Snapshot()), start_->position_m,
-                                         goal_->position_m, flags_.planner);
+    absl::StatusOr<Path> path =
+        PlanPath(map_, Mapped(*map_.View()), start_->position_m, goal_->position_m, flags_.planner);
     if (!path.ok() && !absl::IsNotFound(path.status())) return path.status();
     const bool is_replanned = !is_goal_new_ && !path_.empty();
     const bool is_news = is_goal_new_ || path.ok() || is_replanned;
@@ -200,7 +200,7 @@ class PlannerNode {
                                  Milliseconds(now - change->since).count())
                    : fmt::format("planned in {:.0f} ms", Milliseconds(now - begin).count()));
     if (flags_.picture.empty()) return absl::OkStatus();
-    return WritePicture(*map_.Snapshot(),
+    return WritePicture(*map_.View(),
                         {is_replanned ? before : Path(), path_, flags_.planner.radius_m,
                          start_->position_m, goal_->position_m},
                         flags_.picture);
@@ -208,7 +208,7 @@ class PlannerNode {
 
   const Flags flags_;
   LcmBus& bus_;
-  LocalMap map_{std::make_shared<const MapSnapshot>()};
+  LocalMap map_{std::make_shared<const MapView>()};
   std::optional<Pose2> start_;
   std::optional<Pose2> goal_;
   bool is_goal_new_ = false;

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "lib/map/region.h"
 #include "lib/query/queryable_map.h"
+#include "lib/tiles/region.h"
 
 namespace splinemap {
 

@@ -89,8 +89,7 @@ class Image {
 
 }  // namespace
 
-absl::Status WritePicture(const MapSnapshot& map, const PathPicture& picture,
-                          const std::string& file) {
+absl::Status WritePicture(const MapView& map, const PathPicture& picture, const std::string& file) {
   SPLINEMAP_ASSIGN_OR_RETURN(const PixelGrid grid,
                              FittingGrid(map, FittingPixelsPerKnot(map, 1000)));
   const double line_m = 1.5 * grid.pixel_m;

@@ -4,7 +4,7 @@
 
 #include "absl/status/status.h"
 #include "clients/planner/path_planner.h"
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 
 namespace splinemap {
 
@@ -19,7 +19,6 @@ struct PathPicture {
 
 // Writes a PNG of about 1000 pixels on its longer side, whole or not at all. FailedPrecondition for
 // an empty map.
-absl::Status WritePicture(const MapSnapshot& map, const PathPicture& picture,
-                          const std::string& file);
+absl::Status WritePicture(const MapView& map, const PathPicture& picture, const std::string& file);
 
 }  // namespace splinemap

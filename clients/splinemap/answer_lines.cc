@@ -77,13 +77,13 @@ absl::Status AnswerFile(const QueryableMap& map, size_t batch_size, const std::s
 
 }  // namespace
 
-absl::StatusOr<int> AnswerLines(const AskedMapFlags& flags, const std::string& path,
+absl::StatusOr<int> AnswerLines(const MapSourceFlags& flags, const std::string& path,
                                 const std::string& path_flag, const LineAnswers& answers) {
   SPLINEMAP_ASSIGN_OR_RETURN(const Row numbers, NumbersAfterMap(flags));
   if (numbers.size() != (path.empty() ? NumColumns(answers) : 0)) {
     return InvalidArgument("give either {} or {} FILE", answers.row, path_flag);
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(const AskedMap asked, OpenAskedMap(flags));
+  SPLINEMAP_ASSIGN_OR_RETURN(const MapSource asked, OpenMapSource(flags));
   if (!path.empty()) {
     // Over the bus an answer takes a round trip; here each line is answered when it comes.
     const size_t batch_size = flags.live ? 10'000 : 1;

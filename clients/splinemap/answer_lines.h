@@ -7,7 +7,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "clients/splinemap/asked_map.h"
+#include "clients/splinemap/map_source.h"
 
 namespace splinemap {
 
@@ -25,7 +25,7 @@ struct LineAnswers {
 
 // Opens the map and prints the answers to the numbers on the command line or, where `path` is not
 // empty, one line per line of that file (- for stdin). Returns the exit status.
-absl::StatusOr<int> AnswerLines(const AskedMapFlags& flags, const std::string& path,
+absl::StatusOr<int> AnswerLines(const MapSourceFlags& flags, const std::string& path,
                                 const std::string& path_flag, const LineAnswers& answers);
 
 }  // namespace splinemap

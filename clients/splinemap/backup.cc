@@ -15,12 +15,12 @@ struct BackupFlags {
 absl::StatusOr<int> Backup(const BackupFlags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(CheckOutputOf({flags.map}, flags.output));
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadInput(flags.map, flags.output));
-  SPLINEMAP_RETURN_IF_ERROR(SaveAs(*loaded.map, flags.output.out));
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs(loaded.set, flags.output.out));
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap written, ReadMapFile(flags.output.out));
-  fmt::print(stderr, "{} layers, {} tiles in {}\n", written.map->layers.size(),
-             written.map->merged.size(), flags.output.out);
-  const int status = ReportDamages(written);
-  return loaded.damages.empty() ? status : kFailed;
+  fmt::print(stderr, "{} layers, {} tiles in {}\n", written.set.layers.size(),
+             ViewOf(written.set)->tiles.size(), flags.output.out);
+  const int status = ReportCorruption(written);
+  return loaded.corruption.empty() ? status : kFailed;
 }
 
 constexpr const char* kBackupExamples = R"(

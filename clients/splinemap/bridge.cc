@@ -5,7 +5,6 @@
 #include <memory>
 #include <optional>
 
-#include "clients/replica/map_replica.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/region_flag.h"
 #include "clients/splinemap/say.h"
@@ -13,6 +12,7 @@
 #include "lib/base/status.h"
 #include "lib/query/local_map.h"
 #include "lib/render/pixel_grid.h"
+#include "lib/replica/map_replica.h"
 #include "lib/wire/lcm_bus.h"
 
 namespace splinemap {
@@ -56,7 +56,7 @@ struct CellGrid {
   double sample_m() const { return cell_m / samples; }
 };
 
-absl::StatusOr<CellGrid> GridOf(const MapSnapshot& map, const std::optional<Region>& region,
+absl::StatusOr<CellGrid> GridOf(const MapView& map, const std::optional<Region>& region,
                                 double cell_m) {
   CellGrid grid;
   grid.cell_m = cell_m;
@@ -123,18 +123,18 @@ absl::StatusOr<int> BridgeOccupancyGrid(BridgeFlags flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(
       const auto replica,
       MapReplica::Follow(flags.lcm_url, flags.follow,
-                         [&](const MapSnapshot&, const Region&) { is_changed = true; }));
+                         [&](const MapView&, const Region&) { is_changed = true; }));
   const auto interval = std::chrono::duration<double>(1 / flags.rate_hz);
   std::optional<Clock::time_point> last_publish;
   bool has_said_size = false;
   while (true) {
     bus->Handle(kTick);
-    if (const auto news = bus->TakeNews()) Say(stderr, "{}", *news);
+    if (const auto news = bus->DrainNews()) Say(stderr, "{}", *news);
     const Clock::time_point now = Clock::now();
     if (last_publish && now - *last_publish < interval) continue;
     const bool repeats = last_publish && now - *last_publish >= kRepeat;
     if (!is_changed.exchange(false) && !repeats) continue;
-    const std::shared_ptr<const MapSnapshot> map = replica->Snapshot();
+    const std::shared_ptr<const MapView> map = replica->View();
     const absl::StatusOr<CellGrid> grid = GridOf(
         *map, flags.follow.region, flags.resolution_m.value_or(map->options.knot_interval_m));
     SPLINEMAP_RETURN_IF_ERROR(grid.status());

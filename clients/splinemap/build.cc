@@ -9,7 +9,7 @@
 #include "lib/config/flags.h"
 #include "lib/diagnosis/survey.h"
 #include "lib/logs/lcm_log.h"
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 #include "lib/pipeline/mapper.h"
 #include "lib/store/map_file.h"
 
@@ -31,9 +31,9 @@ void ReportDrops(const DropCounts& drops) {
   }
 }
 
-void Report(const MapperCounts& counts, const MapSnapshot& map, const std::string& out) {
+void Report(const MapperCounts& counts, size_t tiles, const std::string& out) {
   Say(stderr, "mapped {} of {} scans with {} poses; {} tiles in {}", counts.scans_mapped,
-      counts.scans_received, counts.poses_received, map.merged.size(), out);
+      counts.scans_received, counts.poses_received, tiles, out);
 }
 
 absl::StatusOr<int> Build(const BuildFlags& flags) {
@@ -49,9 +49,9 @@ absl::StatusOr<int> Build(const BuildFlags& flags) {
   }
   SPLINEMAP_RETURN_IF_ERROR(CheckConfig(config));
 
-  Map map(MapOptionsOf(config.method()));
-  Layer& layer = map.AddLayer({RobotName(config), RandomId()}, {1, RandomId()});
-  Mapper mapper(config, map.options(), layer);
+  const MapOptions options = MapOptionsOf(config.method());
+  Layer layer(LayerId{RobotName(config), RandomId()}, {1, RandomId()});
+  Mapper mapper(config, options, layer);
   absl::Status read;
   {
     ProgressBar bar("mapping");
@@ -61,7 +61,7 @@ absl::StatusOr<int> Build(const BuildFlags& flags) {
         [&](double share) { bar.Show(share); });
   }
   mapper.Flush();
-  for (const Notice& notice : mapper.TakeNotices()) {
+  for (const Notice& notice : mapper.DrainNotices()) {
     Say(stderr, "{}", notice.text);
   }
   const MapperCounts counts = mapper.counts();
@@ -73,9 +73,8 @@ absl::StatusOr<int> Build(const BuildFlags& flags) {
         counts.scans_received, counts.poses_received, fmt::join(mapper.channels(), ", "),
         flags.log);
   }
-  const std::shared_ptr<const MapSnapshot> snapshot = map.Snapshot();
-  SPLINEMAP_RETURN_IF_ERROR(SaveAs(*snapshot, flags.out));
-  Report(counts, *snapshot, flags.out);
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs({.options = options, .layers = {layer.Snapshot()}}, flags.out));
+  Report(counts, layer.tiles().size(), flags.out);
   return read.ok() ? kSuccess : kFailed;
 }
 

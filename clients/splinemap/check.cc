@@ -1,15 +1,15 @@
 #include <memory>
 #include <vector>
 
-#include "clients/splinemap/asked_map.h"
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/map_source.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
 namespace {
 
 struct CheckFlags {
-  AskedMapFlags asked;
+  MapSourceFlags asked;
   ObstacleFlags obstacles;
   double radius_m = 0;
 };
@@ -22,8 +22,8 @@ absl::StatusOr<int> CheckPath(const CheckFlags& flags) {
   SweepsQuery query;
   query.sweeps.push_back({PointsOf(numbers), flags.radius_m});
   query.occupied_log_odds = flags.obstacles.occupied_log_odds;
-  query.unknown = flags.obstacles.UnknownPolicy();
-  SPLINEMAP_ASSIGN_OR_RETURN(const AskedMap asked, OpenAskedMap(flags.asked));
+  query.unknown = flags.obstacles.Policy();
+  SPLINEMAP_ASSIGN_OR_RETURN(const MapSource asked, OpenMapSource(flags.asked));
   SPLINEMAP_ASSIGN_OR_RETURN(const SweepsQuery::Answer answer, asked.map->Ask(query));
   const SweepsQuery::Result& result = answer.results.at(0);
   fmt::print("occupancy,certified,free_m,contact_x_m,contact_y_m\n{},{},{:.6f},{:.6f},{:.6f}\n",

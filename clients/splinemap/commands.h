@@ -23,7 +23,7 @@ using Command = std::function<absl::StatusOr<int>()>;
 absl::Status CheckOutput(const std::string& path, bool force);
 
 // Writes the map to `out`, whole or not at all; not at all where something of it cannot be true.
-absl::Status SaveAs(const MapSnapshot& map, const std::string& out);
+absl::Status SaveAs(const LayerSet& set, const std::string& out);
 
 // What commands that make a map file of others take beside their inputs.
 struct MapOutput {
@@ -42,7 +42,7 @@ absl::Status CheckInput(const LoadedMap& loaded, const std::string& path, const 
 absl::StatusOr<LoadedMap> ReadInput(const std::string& path, const MapOutput& output);
 
 // Shows what was damaged, on stderr. The exit status of a command that else succeeded.
-int ReportDamages(const LoadedMap& loaded);
+int ReportCorruption(const LoadedMap& loaded);
 
 // Each adds one subcommand, which sets `chosen` when it is on the command line.
 void AddBackup(CLI::App& app, Command& chosen);

@@ -4,10 +4,11 @@
 #include <set>
 
 #include "clients/splinemap/commands.h"
-#include "clients/splinemap/layer_lines.h"
 #include "clients/splinemap/layer_name.h"
+#include "clients/splinemap/layer_rows.h"
 #include "clients/splinemap/say.h"
 #include "lib/base/status.h"
+#include "lib/map/summed_layers.h"
 #include "lib/store/map_file.h"
 
 namespace splinemap {
@@ -58,9 +59,9 @@ const LayerSnapshot* Counterpart(const LayerId& id, const std::vector<LayerSnaps
   return of_that_name;
 }
 
-// What was decided about a layer, as far as it matters for the sum.
-std::string Decided(const LayerControl& control) {
-  LayerControl of_the_sum = control;
+// What was set about a layer, as far as it matters for the sum.
+std::string SettingsText(const LayerSettings& setting) {
+  LayerSettings of_the_sum = setting;
   of_the_sum.removed_up_to = 0;
   const std::string text = TextOf(of_the_sum, std::nullopt);
   return text.empty() ? "summed as it is" : text;
@@ -68,10 +69,10 @@ std::string Decided(const LayerControl& control) {
 
 // Layers of which only one of the maps knows that they were removed: the maps are equal, and what
 // will be merged with them need not be.
-void TellRemovals(const MapSnapshot& map, const MapSnapshot& other, const std::string& path) {
-  for (const auto& [id, control] : map.controls.records()) {
-    if (control.removed_up_to <= other.controls.Of(id).removed_up_to) continue;
-    Say(stdout, "layer {}: removed up to start {}, only in {}", NameOf(id), control.removed_up_to,
+void ReportRemovals(const LayerSet& map, const LayerSet& other, const std::string& path) {
+  for (const auto& [id, setting] : map.settings.records()) {
+    if (setting.removed_up_to <= other.settings.Of(id).removed_up_to) continue;
+    Say(stdout, "layer {}: removed up to session {}, only in {}", NameOf(id), setting.removed_up_to,
         path);
   }
 }
@@ -79,14 +80,14 @@ void TellRemovals(const MapSnapshot& map, const MapSnapshot& other, const std::s
 absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded_a, ReadMapFile(path_a));
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded_b, ReadMapFile(path_b));
-  const MapSnapshot& a = *loaded_a.map;
-  const MapSnapshot& b = *loaded_b.map;
+  const LayerSet& a = loaded_a.set;
+  const LayerSet& b = loaded_b.set;
   bool equal = true;
   for (const LoadedMap* loaded : {&loaded_a, &loaded_b}) {
-    equal = ReportDamages(*loaded) == kSuccess && equal;
+    equal = ReportCorruption(*loaded) == kSuccess && equal;
   }
   if (a.options != b.options) {
-    for (const MapSnapshot* map : {&a, &b}) {
+    for (const LayerSet* map : {&a, &b}) {
       Say(stdout, "{}: knot_interval_m {}, control points {} .. {} log-odds",
           map == &a ? path_a : path_b, map->options.knot_interval_m,
           map->options.limits.min / double{kUnitsPerLogOdds},
@@ -104,10 +105,10 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
       continue;
     }
     taken.insert(other);
-    const std::string decided_a = Decided(a.controls.Of(layer.id));
-    const std::string decided_b = Decided(b.controls.Of(other->id));
-    if (decided_a != decided_b) {
-      Say(stdout, "layer {}: {} in {}, {} in {}", layer.id.name, decided_a, path_a, decided_b,
+    const std::string settings_a = SettingsText(a.settings.Of(layer.id));
+    const std::string settings_b = SettingsText(b.settings.Of(other->id));
+    if (settings_a != settings_b) {
+      Say(stdout, "layer {}: {} in {}, {} in {}", layer.id.name, settings_a, path_a, settings_b,
           path_b);
       equal = false;
     }
@@ -122,16 +123,17 @@ absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
     Say(stdout, "layer {}: only in {}", layer.id.name, path_b);
     equal = false;
   }
-  if (const Difference difference = Compare(a.merged, b.merged); difference.tiles > 0) {
+  const auto sum_a = ViewOf(a);
+  if (const Difference difference = Compare(sum_a->tiles, ViewOf(b)->tiles); difference.tiles > 0) {
     Say(stdout, "the sum of all layers: {} tiles differ, in {} control points", difference.tiles,
         difference.control_points);
     equal = false;
   }
   if (equal) {
-    Say(stdout, "equal (layers: {}, tiles: {})", a.layers.size(), a.merged.size());
+    Say(stdout, "equal (layers: {}, tiles: {})", a.layers.size(), sum_a->tiles.size());
   }
-  TellRemovals(a, b, path_a);
-  TellRemovals(b, a, path_b);
+  ReportRemovals(a, b, path_a);
+  ReportRemovals(b, a, path_b);
   return equal ? kSuccess : kFailed;
 }
 
@@ -140,7 +142,7 @@ Example:
   splinemap diff live.splinemap offline.splinemap && echo the same map
 
 Compares content: layers by name, control points, and which layers are muted or shifted. Ignores
-incarnations, nonces, times and layers without tiles; says which layers only one of the maps knows to
+session_numbers, nonces, times and layers without tiles; says which layers only one of the maps knows to
 be removed.
 Exit status: 0 equal, 1 different or failed, 2 usage.)";
 

@@ -10,10 +10,10 @@ namespace splinemap {
 namespace {
 
 struct DistanceFlags {
-  AskedMapFlags asked;
+  MapSourceFlags asked;
   std::string points_path;
   double max_distance_m = 2;
-  double occupied_log_odds = kEvenLogOdds;
+  double occupied_log_odds = kDefaultOccupied;
 };
 
 absl::StatusOr<int> MeasureDistance(const DistanceFlags& flags) {

@@ -13,6 +13,7 @@
 #include "lib/diagnosis/proposal.h"
 #include "lib/diagnosis/survey.h"
 #include "lib/wire/lcm_bus.h"
+#include "lib/wire/message_type.h"
 
 namespace splinemap {
 namespace {
@@ -227,7 +228,7 @@ drive and turn meanwhile. Messages beyond 1 MB are not seen on a bus.)";
 void AddDoctor(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<DoctorFlags>();
   CLI::App* command =
-      app.add_subcommand("doctor", "Look at an LCM log or a bus, and tell how to map it");
+      app.add_subcommand("doctor", "Check at an LCM log or a bus, and tell how to map it");
   command->footer(kDoctorExamples);
   command->add_option("LOG", flags->log, "LCM log");
   command->add_flag("--live", flags->live, "Listen to the bus instead");

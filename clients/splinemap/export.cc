@@ -14,6 +14,7 @@
 #include "lib/exchange/geotiff.h"
 #include "lib/exchange/ros_map.h"
 #include "lib/exchange/world_file.h"
+#include "lib/map/summed_layers.h"
 #include "lib/render/raster.h"
 #include "lib/store/map_file.h"
 
@@ -53,7 +54,7 @@ std::string WithoutExtension(std::string base, const std::vector<std::string>& e
 }
 
 // `files` are those of Extensions().
-absl::Status Write(const ExportFlags& flags, RosMode mode, const MapSnapshot& map,
+absl::Status Write(const ExportFlags& flags, RosMode mode, const MapView& map,
                    const PixelGrid& grid, std::vector<NewFile>& files) {
   if (flags.format == "ros") {
     const std::string image = std::filesystem::path(files[0].path()).filename().string();
@@ -86,21 +87,21 @@ absl::StatusOr<int> Export(const ExportFlags& flags) {
     SPLINEMAP_RETURN_IF_ERROR(CheckOutput(paths.back(), flags.force));
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
+  const std::shared_ptr<const MapView> map = ViewOf(loaded.set);
   SPLINEMAP_ASSIGN_OR_RETURN(
       const PixelGrid grid,
-      GridOfRegion(*loaded.map, region,
-                   flags.resolution_m.value_or(loaded.map->options.knot_interval_m)));
+      GridOfRegion(*map, region, flags.resolution_m.value_or(map->options.knot_interval_m)));
   // All are written before the first takes its name: none describes another's predecessor.
   std::vector<NewFile> files;
   for (const std::string& path : paths) {
     SPLINEMAP_ASSIGN_OR_RETURN(NewFile file, NewFile::Create(path));
     files.push_back(std::move(file));
   }
-  SPLINEMAP_RETURN_IF_ERROR(Write(flags, mode, *loaded.map, grid, files));
+  SPLINEMAP_RETURN_IF_ERROR(Write(flags, mode, *map, grid, files));
   for (NewFile& file : files) SPLINEMAP_RETURN_IF_ERROR(file.Commit());
   Say(stderr, "{}: {} x {} pixels of {} m, lower left corner at {}, {} m", fmt::join(paths, ", "),
       grid.width, grid.height, grid.pixel_m, grid.left_m, grid.bottom_m());
-  return ReportDamages(loaded);
+  return ReportCorruption(loaded);
 }
 
 constexpr const char* kExportExamples = R"(

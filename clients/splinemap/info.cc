@@ -6,6 +6,7 @@
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/say.h"
 #include "lib/base/status.h"
+#include "lib/map/summed_layers.h"
 #include "lib/store/map_file.h"
 
 namespace splinemap {
@@ -19,12 +20,13 @@ int64_t TouchedControlPoints(const TileTree& tiles) {
 }
 
 // Area that was seen: a touched control point stands for one square of the knot interval.
-double Area(const MapSnapshot& map, const TileTree& tiles) {
-  return static_cast<double>(TouchedControlPoints(tiles)) * map.options.knot_interval_m *
-         map.options.knot_interval_m;
+double Area(const MapOptions& options, const TileTree& tiles) {
+  return static_cast<double>(TouchedControlPoints(tiles)) * options.knot_interval_m *
+         options.knot_interval_m;
 }
 
-nlohmann::json ToJson(const MapSnapshot& map, const std::string& path) {
+nlohmann::json ToJson(const LayerSet& map, const std::string& path) {
+  const TileTree sum = ViewOf(map)->tiles;
   std::error_code ignored;
   nlohmann::json json = {
       {"file", path},
@@ -32,17 +34,17 @@ nlohmann::json ToJson(const MapSnapshot& map, const std::string& path) {
       {"knot_interval_m", map.options.knot_interval_m},
       {"clamp_min", map.options.limits.min / double{kUnitsPerLogOdds}},
       {"clamp_max", map.options.limits.max / double{kUnitsPerLogOdds}},
-      {"tiles", map.merged.size()},
-      {"area_m2", Area(map, map.merged)},
+      {"tiles", sum.size()},
+      {"area_m2", Area(map.options, sum)},
       {"layers", nlohmann::json::array()},
   };
   for (const LayerSnapshot& layer : map.layers) {
     json["layers"].push_back({{"name", layer.id.name},
                               {"origin", fmt::format("{:016x}", layer.id.origin)},
-                              {"incarnation", layer.epoch.incarnation},
+                              {"session_number", layer.session.number},
                               {"scans", layer.revision},
                               {"tiles", layer.tiles.size()},
-                              {"area_m2", Area(map, layer.tiles)}});
+                              {"area_m2", Area(map.options, layer.tiles)}});
   }
   return json;
 }
@@ -54,23 +56,23 @@ void PrintForPeople(const nlohmann::json& json) {
   Say(stdout, "knot interval {} m, control points {} .. {} log-odds",
       number(json["knot_interval_m"]), number(json["clamp_min"]), number(json["clamp_max"]));
   for (const nlohmann::json& layer : json["layers"]) {
-    Say(stdout, "layer {} ({}): {} scans, start {}, {} tiles, {:.1f} m2 seen",
+    Say(stdout, "layer {} ({}): {} scans, session {}, {} tiles, {:.1f} m2 seen",
         layer["name"].get<std::string>(), layer["origin"].get<std::string>(),
-        layer["scans"].get<int64_t>(), layer["incarnation"].get<int64_t>(),
+        layer["scans"].get<int64_t>(), layer["session_number"].get<int64_t>(),
         layer["tiles"].get<int64_t>(), number(layer["area_m2"]));
   }
 }
 
 absl::StatusOr<int> Info(const std::string& path, bool as_json) {
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(path));
-  nlohmann::json json = ToJson(*loaded.map, path);
-  json["damages"] = loaded.damages;
+  nlohmann::json json = ToJson(loaded.set, path);
+  json["corruption"] = loaded.corruption;
   if (as_json) {
     PrintJson(json);
   } else {
     PrintForPeople(json);
   }
-  return ReportDamages(loaded);
+  return ReportCorruption(loaded);
 }
 
 }  // namespace

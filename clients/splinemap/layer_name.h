@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "lib/map/layer.h"
+#include "lib/layers/layer.h"
 
 namespace splinemap {
 

@@ -5,9 +5,11 @@
 #include <vector>
 
 #include "clients/splinemap/commands.h"
-#include "clients/splinemap/layer_lines.h"
+#include "clients/splinemap/layer_rows.h"
 #include "clients/splinemap/live_layers.h"
 #include "clients/splinemap/say.h"
+#include "lcmtypes/splinemap/layer_status_t.hpp"
+#include "lcmtypes/splinemap/layers_t.hpp"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -20,9 +22,9 @@ struct LayersFlags {
   LiveFlags bus;
 };
 
-nlohmann::json ToJson(const std::vector<LayerLine>& lines) {
+nlohmann::json ToJson(const std::vector<LayerRow>& rows) {
   nlohmann::json json = nlohmann::json::array();
-  for (const LayerLine& line : lines) json.push_back(splinemap::ToJson(line));
+  for (const LayerRow& row : rows) json.push_back(splinemap::ToJson(row));
   return json;
 }
 
@@ -30,17 +32,17 @@ absl::StatusOr<int> LayersOfDaemons(const LayersFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<layers_t> daemons, ListenToLayers(flags.bus));
   nlohmann::json json = nlohmann::json::array();
   for (const layers_t& daemon : daemons) {
-    std::vector<LayerLine> lines;
-    for (const layer_status_t& layer : daemon.layers) lines.push_back(LineOf(layer));
+    std::vector<LayerRow> rows;
+    for (const layer_status_t& layer : daemon.layers) rows.push_back(RowOf(layer));
     if (flags.json) {
       json.push_back({{"daemon", daemon.name},
                       {"daemon_nonce", fmt::format("{:016x}", daemon.daemon_nonce)},
-                      {"layers", ToJson(lines)},
+                      {"layers", ToJson(rows)},
                       {"refused", daemon.refused}});
       continue;
     }
     Say(stdout, "{}:", daemon.name);
-    fmt::print("{}", TableOf(lines));
+    fmt::print("{}", TableOf(rows));
     for (const std::string& refused : daemon.refused) {
       Say(stdout, "refused {}", refused);
     }
@@ -56,13 +58,13 @@ absl::StatusOr<int> Layers(const LayersFlags& flags) {
   }
   if (flags.live) return LayersOfDaemons(flags);
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
-  const std::vector<LayerLine> lines = LinesOf(*loaded.map);
+  const std::vector<LayerRow> rows = RowsOf(loaded.set);
   if (flags.json) {
-    PrintJson(ToJson(lines));
+    PrintJson(ToJson(rows));
   } else {
-    fmt::print("{}", TableOf(lines));
+    fmt::print("{}", TableOf(rows));
   }
-  return ReportDamages(loaded);
+  return ReportCorruption(loaded);
 }
 
 constexpr const char* kLayersExamples = R"(
@@ -71,9 +73,9 @@ Examples:
   splinemap layers fleet.splinemap --json | jq '.[] | select(.in_sum)'
   splinemap layers --live                          what each daemon on the bus has
 
-A line for each layer, what one robot measured: its name and origin, how often its robot had started,
+A row for each layer, what one robot measured: its name and origin, how often its robot had started,
 scans, tiles, the area that it knows and the box about it in the map's frame, as --region takes it,
-and a hash: equal layers have equal hashes. Last comes what people have decided about it. Of layers
+and a hash: equal layers have equal hashes. Last come the settings of people. Of layers
 that were removed only that is left.
 
 Of a daemon's layers it says, too, whether each is its own, live, stale (something is missing) or gone

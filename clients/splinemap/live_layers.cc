@@ -4,6 +4,8 @@
 #include <map>
 #include <utility>
 
+#include "lcmtypes/splinemap/layer_status_t.hpp"
+#include "lcmtypes/splinemap/layers_t.hpp"
 #include "lib/base/clock.h"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
@@ -24,7 +26,7 @@ absl::StatusOr<std::vector<layers_t>> ListenToLayers(const LiveFlags& flags) {
   std::map<std::pair<std::string, int64_t>, layers_t> heard;
   bus->Subscribe(flags.channel_prefix + "_LAYERS",
                  [&](const std::string&, absl::Span<const uint8_t> message) {
-                   auto layers = DecodeLayers(message);
+                   auto layers = Decode<layers_t>(message);
                    if (layers.ok()) heard[{layers->name, layers->daemon_nonce}] = *layers;
                  });
   const auto end = Clock::now() + std::chrono::duration_cast<Clock::duration>(
@@ -40,15 +42,6 @@ absl::StatusOr<std::vector<layers_t>> ListenToLayers(const LiveFlags& flags) {
         flags.channel_prefix, flags.wait_s);
   }
   return daemons;
-}
-
-LayerControl ControlOf(const layer_status_t& layer) {
-  LayerControl control;
-  control.muted = layer.muted != 0;
-  control.yields = layer.yields != 0;
-  control.shift = {layer.shift_i, layer.shift_j};
-  control.removed_up_to = static_cast<uint64_t>(layer.removed_up_to);
-  return control;
 }
 
 }  // namespace splinemap

@@ -5,8 +5,9 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lcmtypes/splinemap/layers_t.hpp"
-#include "lib/map/layer_control.h"
+#include "lib/layers/layer_settings.h"
 
 namespace splinemap {
 
@@ -20,7 +21,5 @@ void AddLiveFlags(CLI::App& command, LiveFlags& flags);
 
 // What all daemons on the bus say of their layers, by name. NotFound where there is none.
 absl::StatusOr<std::vector<layers_t>> ListenToLayers(const LiveFlags& flags);
-
-LayerControl ControlOf(const layer_status_t& layer);
 
 }  // namespace splinemap

@@ -39,9 +39,9 @@ std::string StatusLine(const status_t& status) {
   return line;
 }
 
-void LiveView::TakeStatus(const status_t& status) {
-  if (!daemons_.contains(status.nonce) && daemons_.size() >= kMaxDaemons) return;
-  Daemon& daemon = daemons_[status.nonce];
+void LiveView::HandleStatus(const status_t& status) {
+  if (!daemons_.contains(status.daemon_nonce) && daemons_.size() >= kMaxDaemons) return;
+  Daemon& daemon = daemons_[status.daemon_nonce];
   const double passed_s = status.uptime_s - daemon.status.uptime_s;
   const double scans =
       static_cast<double>(status.scans_mapped) - static_cast<double>(daemon.status.scans_mapped);
@@ -59,7 +59,7 @@ std::string LiveView::Draw(Clock::time_point now) {
   // Lines of daemons may take two rows.
   const auto lines = static_cast<int>(std::count(text.begin(), text.end(), '\n')) +
                      static_cast<int>(daemons_.size());
-  const std::shared_ptr<const MapSnapshot> map = replica_.Snapshot();
+  const std::shared_ptr<const MapView> map = replica_.View();
   // Without a map, or with one that is too large to draw, there is no picture.
   if (const absl::StatusOr<std::string> preview = Preview(*map, lines + 2); preview.ok()) {
     text += *preview;
@@ -87,13 +87,13 @@ std::string LiveView::DaemonLines(Clock::time_point now) const {
 }
 
 std::string LiveView::LayerLines(double passed_s) {
-  std::string text = fmt::format("{:<20} {:>5} {:>7} {:>9} {:>12} {:>11} {:>9}\n", "layer", "start",
+  std::string text = fmt::format("{:<20} {:>5} {:>7} {:>9} {:>12} {:>11} {:>9}\n", "layer", "session",
                                  "tiles", "commit", "state of", "tiles asked", "unusable");
-  for (const FollowedLayer& layer : replica_.Layers()) {
+  for (const FollowedLayer& layer : replica_.FollowedLayers()) {
     text += fmt::format("{:<20} {:>5} {:>7} {:>9} {:>12} {:>11} {:>9}  {}\n",
-                        PlainText(layer.id.name), layer.epoch.incarnation, layer.tiles,
-                        layer.revision, Staleness(layer.staleness_ms), layer.counts.asked_tiles,
-                        layer.counts.unusable, layer.in_sync ? "in sync" : "not in sync");
+                        PlainText(layer.id.name), layer.session.number, layer.tiles, layer.revision,
+                        Staleness(layer.staleness_ms), layer.counts.asked_tiles,
+                        layer.counts.unusable, layer.caught_up ? "caught up" : "behind");
   }
   for (const std::string& refused : replica_.Refused()) {
     text += fmt::format("not followed: {}\n", PlainText(refused));

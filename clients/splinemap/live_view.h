@@ -3,8 +3,8 @@
 #include <map>
 #include <string>
 
-#include "clients/replica/map_replica.h"
 #include "lcmtypes/splinemap/status_t.hpp"
+#include "lib/replica/map_replica.h"
 
 namespace splinemap {
 
@@ -14,7 +14,7 @@ class LiveView {
  public:
   explicit LiveView(const MapReplica& replica) : replica_(replica) {}
 
-  void TakeStatus(const status_t& status);
+  void HandleStatus(const status_t& status);
 
   // The screen, with control sequences. Rates are those since the last call.
   std::string Draw(Clock::time_point now);

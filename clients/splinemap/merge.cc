@@ -5,12 +5,13 @@
 #include <optional>
 
 #include "clients/splinemap/commands.h"
-#include "clients/splinemap/layer_lines.h"
 #include "clients/splinemap/layer_name.h"
+#include "clients/splinemap/layer_rows.h"
 #include "clients/splinemap/progress.h"
 #include "clients/splinemap/say.h"
 #include "lib/base/status.h"
-#include "lib/map/layer_union.h"
+#include "lib/layers/layer_union.h"
+#include "lib/map/summed_layers.h"
 
 namespace splinemap {
 namespace {
@@ -49,26 +50,26 @@ absl::Status CheckOptions(const MapOptions& options, const std::string& path,
 // The files of a merge, read one after the other.
 class Merger {
  public:
-  absl::Status Take(const std::string& path, const MapSnapshot& map) {
+  absl::Status Add(const std::string& path, const LayerSet& map) {
     if (!union_) {
       union_.emplace(map.options);
       options_ = {map.options, path};
     }
     SPLINEMAP_RETURN_IF_ERROR(CheckOptions(map.options, path, options_.first, options_.second));
-    const auto clashes = union_->Take(map);
-    if (!clashes.ok()) return FailedPrecondition("{}: {}", path, ErrorText(clashes.status()));
+    const auto conflicts = union_->Add(map);
+    if (!conflicts.ok()) return FailedPrecondition("{}: {}", path, ErrorText(conflicts.status()));
     for (const LayerSnapshot& layer : map.layers) sources_.try_emplace(layer.id, path);
-    for (const LayerUnion::Clash& clash : *clashes) Note(path, clash);
+    for (const LayerUnion::Conflict& conflict : *conflicts) Note(path, conflict);
     return absl::OkStatus();
   }
 
-  std::shared_ptr<const MapSnapshot> Snapshot() const { return union_->Snapshot(); }
+  LayerSet Layers() const { return union_->Layers(); }
 
-  // Says what people may not expect. False where copies of a layer contradict each other.
-  bool Report(const MapSnapshot& merged) const {
+  // Says what people may not expect. False where copies of a layer conflict.
+  bool Report(const LayerSet& merged) const {
     for (const std::string& note : notes_) Say(stderr, "{}", note);
     for (const LayerId& id : union_->Removed()) {
-      Say(stderr, "{} is left out: {}", NameOf(id), TextOf(merged.controls.Of(id), std::nullopt));
+      Say(stderr, "{} is left out: {}", NameOf(id), TextOf(merged.settings.Of(id), std::nullopt));
     }
     std::map<std::string, std::vector<std::string>> names;
     for (const LayerSnapshot& layer : merged.layers) {
@@ -79,36 +80,35 @@ class Merger {
       Say(stderr, "{} stay apart: two robots of one name, a new computer, or a map begun anew",
           fmt::join(layers, " and "));
     }
-    return !has_contradictions_;
+    return !has_conflicts_;
   }
 
  private:
-  void Note(const std::string& path, const LayerUnion::Clash& clash) {
-    std::string& source = sources_.at(clash.id);
-    const std::string name = NameOf(clash.id);
-    if (clash.contradictions > 0) {
-      has_contradictions_ = true;
+  void Note(const std::string& path, const LayerUnion::Conflict& conflict) {
+    std::string& source = sources_.at(conflict.id);
+    const std::string name = NameOf(conflict.id);
+    if (conflict.conflicting_tiles > 0) {
+      has_conflicts_ = true;
       notes_.push_back(fmt::format(
           "{}: {} has {} tiles that differ from those of {} at the same commit: made "
           "by two owners of one copied file; of each one is kept, the same in any order "
           "of files",
-          name, path, clash.contradictions, source));
+          name, path, conflict.conflicting_tiles, source));
       return;
     }
-    notes_.push_back(fmt::format("{}: start {} in {} replaces start {} in {}{}", name,
-                                 clash.kept.incarnation, clash.is_map_newer ? path : source,
-                                 clash.dropped.incarnation, clash.is_map_newer ? source : path,
-                                 clash.kept.incarnation == clash.dropped.incarnation
-                                     ? ": two owners of one copied file"
-                                     : ""));
-    if (clash.is_map_newer) source = path;
+    notes_.push_back(fmt::format(
+        "{}: session {} in {} replaces session {} in {}{}", name, conflict.kept.number,
+        conflict.is_map_newer ? path : source, conflict.dropped.number,
+        conflict.is_map_newer ? source : path,
+        conflict.kept.number == conflict.dropped.number ? ": two owners of one copied file" : ""));
+    if (conflict.is_map_newer) source = path;
   }
 
   std::optional<LayerUnion> union_;
   std::pair<MapOptions, std::string> options_;  // and the file that has them
   std::map<LayerId, std::string> sources_;      // the first file that has the layer's start
   std::vector<std::string> notes_;
-  bool has_contradictions_ = false;
+  bool has_conflicts_ = false;
 };
 
 absl::StatusOr<int> Merge(const MergeFlags& flags) {
@@ -122,19 +122,19 @@ absl::StatusOr<int> Merge(const MergeFlags& flags) {
     double bytes = 0;
     for (const std::string& path : flags.maps) {
       SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(path));
-      if (!loaded.damages.empty()) bar.Hide();
+      if (!loaded.corruption.empty()) bar.Hide();
       SPLINEMAP_RETURN_IF_ERROR(CheckInput(loaded, path, flags.output));
-      SPLINEMAP_RETURN_IF_ERROR(merger.Take(path, *loaded.map));
-      is_whole = is_whole && loaded.damages.empty();
+      SPLINEMAP_RETURN_IF_ERROR(merger.Add(path, loaded.set));
+      is_whole = is_whole && loaded.corruption.empty();
       bytes += Bytes(path);
       bar.Show(bytes / all_bytes);
     }
   }
-  const std::shared_ptr<const MapSnapshot> merged = merger.Snapshot();
-  SPLINEMAP_RETURN_IF_ERROR(SaveAs(*merged, flags.output.out));
-  const bool is_consistent = merger.Report(*merged);
-  Say(stderr, "merged {} files: {} layers, {} tiles in {}", flags.maps.size(),
-      merged->layers.size(), merged->merged.size(), flags.output.out);
+  const LayerSet merged = merger.Layers();
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs(merged, flags.output.out));
+  const bool is_consistent = merger.Report(merged);
+  Say(stderr, "merged {} files: {} layers, {} tiles in {}", flags.maps.size(), merged.layers.size(),
+      ViewOf(merged)->tiles.size(), flags.output.out);
   return is_whole && is_consistent ? kSuccess : kFailed;
 }
 
@@ -146,7 +146,7 @@ Examples:
 The layers of all files, each in the newest state that a file has; the map is their sum. Layers stay
 apart inside, so that merged files can be merged again: the order of files, groups of them and files
 that come twice make no difference. Robots have to share a map frame, a knot interval and clamps.
-Exit status: 0 merged; 1 failed, or merged and copies of a layer contradict each other; 2 usage.)";
+Exit status: 0 merged; 1 failed, or merged and copies of a layer conflict; 2 usage.)";
 
 }  // namespace
 

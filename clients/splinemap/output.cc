@@ -50,7 +50,7 @@ absl::Status CheckOutputOf(const std::vector<std::string>& inputs, const MapOutp
 }
 
 absl::Status CheckInput(const LoadedMap& loaded, const std::string& path, const MapOutput& output) {
-  if (ReportDamages(loaded) == kSuccess || output.accepts_damaged) return absl::OkStatus();
+  if (ReportCorruption(loaded) == kSuccess || output.accepts_damaged) return absl::OkStatus();
   return DataLoss("{} is damaged, so that nothing is written; --damaged takes what is left of it",
                   path);
 }
@@ -61,12 +61,12 @@ absl::StatusOr<LoadedMap> ReadInput(const std::string& path, const MapOutput& ou
   return loaded;
 }
 
-absl::Status SaveAs(const MapSnapshot& map, const std::string& out) {
+absl::Status SaveAs(const LayerSet& set, const std::string& out) {
   const std::string part = TemporaryPathFor(out);
   const absl::Cleanup remove_part = [&] { MapFile::Remove(part); };
   {
     SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(part));
-    SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<std::string> left_out, file.Save(map));
+    SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<std::string> left_out, file.Save(set));
     if (!left_out.empty()) {
       return InvalidArgument("{} is not written: it would be without {}", out, left_out.front());
     }
@@ -75,11 +75,11 @@ absl::Status SaveAs(const MapSnapshot& map, const std::string& out) {
   return MapFile::Rename(part, out);
 }
 
-int ReportDamages(const LoadedMap& loaded) {
+int ReportCorruption(const LoadedMap& loaded) {
   constexpr size_t kMaxLines = 20;
-  const size_t count = loaded.damages.size();
+  const size_t count = loaded.corruption.size();
   for (size_t k = 0; k < std::min(count, kMaxLines); ++k) {
-    Say(stderr, "{}", loaded.damages[k]);
+    Say(stderr, "{}", loaded.corruption[k]);
   }
   if (count > kMaxLines) Say(stderr, "and {} more", count - kMaxLines);
   return count == 0 ? kSuccess : kFailed;

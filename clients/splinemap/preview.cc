@@ -13,7 +13,7 @@
 
 namespace splinemap {
 
-absl::StatusOr<std::string> Preview(const MapSnapshot& map, int other_rows) {
+absl::StatusOr<std::string> Preview(const MapView& map, int other_rows) {
   const double pixels_per_knot = std::min(1.0, FittingPixelsPerKnot(map, 2000));
   SPLINEMAP_ASSIGN_OR_RETURN(const PixelGrid grid, FittingGrid(map, pixels_per_knot));
   winsize size{};

@@ -10,7 +10,7 @@ namespace splinemap {
 namespace {
 
 struct QueryFlags {
-  AskedMapFlags asked;
+  MapSourceFlags asked;
   std::string points_path;
   bool hessian = false;
 };

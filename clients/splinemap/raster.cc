@@ -7,8 +7,8 @@
 #include <string>
 
 #include "absl/strings/match.h"
-#include "clients/splinemap/asked_map.h"
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/map_source.h"
 #include "clients/splinemap/region_flag.h"
 #include "clients/splinemap/say.h"
 #include "lib/base/file.h"
@@ -18,7 +18,7 @@ namespace splinemap {
 namespace {
 
 struct RasterFlags {
-  AskedMapFlags asked;
+  MapSourceFlags asked;
   std::string region;
   double resolution_m = 0.05;
   bool force = false;
@@ -76,14 +76,14 @@ absl::StatusOr<int> AskRaster(const RasterFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const std::optional<Region> region, ParseRegion(flags.region));
   // The knot interval of a daemon's map is not known; its default limits region and resolution.
   SPLINEMAP_ASSIGN_OR_RETURN(const PixelGrid grid,
-                             GridOfRegion(MapSnapshot(), region, flags.resolution_m));
+                             GridOfRegion(MapView(), region, flags.resolution_m));
   SPLINEMAP_RETURN_IF_ERROR(CheckOutput(out, flags.force));
   RasterQuery query;
   query.first_m = {grid.CentreX(0), grid.CentreY(grid.height - 1)};
   query.resolution_m = grid.pixel_m;
   query.width = grid.width;
   query.height = grid.height;
-  SPLINEMAP_ASSIGN_OR_RETURN(const AskedMap asked, OpenAskedMap(flags.asked));
+  SPLINEMAP_ASSIGN_OR_RETURN(const MapSource asked, OpenMapSource(flags.asked));
   SPLINEMAP_ASSIGN_OR_RETURN(const RasterQuery::Answer answer, asked.map->Ask(query));
   SPLINEMAP_ASSIGN_OR_RETURN(NewFile file, NewFile::Create(out));
   SPLINEMAP_RETURN_IF_ERROR(is_csv ? WriteCells(answer, grid, file)

@@ -11,7 +11,7 @@ namespace splinemap {
 namespace {
 
 struct RayFlags {
-  AskedMapFlags asked;
+  MapSourceFlags asked;
   ObstacleFlags obstacles;
   std::string rays_path;
   double max_range_m = 30;
@@ -26,7 +26,7 @@ absl::StatusOr<int> CastRays(const RayFlags& flags) {
       -> absl::StatusOr<std::vector<std::string>> {
     RaysQuery query;
     query.occupied_log_odds = flags.obstacles.occupied_log_odds;
-    query.unknown = flags.obstacles.UnknownPolicy();
+    query.unknown = flags.obstacles.Policy();
     for (const std::vector<double>& row : rows) {
       query.rays.push_back({{row[0], row[1]}, row[2] * M_PI / 180, flags.max_range_m});
     }

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
-#include "lib/map/region.h"
+#include "lib/tiles/region.h"
 
 namespace splinemap {
 

@@ -7,7 +7,8 @@
 #include "clients/splinemap/say.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
-#include "lib/map/map_edits.h"
+#include "lib/layers/layer_edits.h"
+#include "lib/map/summed_layers.h"
 
 namespace splinemap {
 namespace {
@@ -22,17 +23,17 @@ absl::StatusOr<int> Remove(const RemoveFlags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(CheckOutputOf({flags.map}, flags.output));
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadInput(flags.map, flags.output));
   std::vector<LayerId> layers;
-  for (const LayerSnapshot& layer : loaded.map->layers) layers.push_back(layer.id);
+  for (const LayerSnapshot& layer : loaded.set.layers) layers.push_back(layer.id);
   std::vector<LayerId> removed;
   for (const std::string& text : flags.layers) {
     SPLINEMAP_ASSIGN_OR_RETURN(removed.emplace_back(), FindLayer(layers, text, flags.map));
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(const auto rest, WithoutLayers(*loaded.map, removed, RandomId()));
-  SPLINEMAP_RETURN_IF_ERROR(SaveAs(*rest, flags.output.out));
+  SPLINEMAP_ASSIGN_OR_RETURN(const LayerSet rest, WithoutLayers(loaded.set, removed, RandomId()));
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs(rest, flags.output.out));
   for (const LayerId& id : removed) Say(stderr, "{} is removed", NameOf(id));
-  Say(stderr, "{} layers, {} tiles in {}", rest->layers.size(), rest->merged.size(),
+  Say(stderr, "{} layers, {} tiles in {}", rest.layers.size(), ViewOf(rest)->tiles.size(),
       flags.output.out);
-  return loaded.damages.empty() ? kSuccess : kFailed;
+  return loaded.corruption.empty() ? kSuccess : kFailed;
 }
 
 constexpr const char* kRemoveExamples = R"(

@@ -7,6 +7,7 @@
 #include "clients/splinemap/say.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
+#include "lib/map/summed_layers.h"
 #include "lib/render/raster.h"
 #include "lib/store/map_file.h"
 
@@ -24,22 +25,23 @@ absl::StatusOr<int> Render(const RenderFlags& flags) {
     return InvalidArgument("{}: render writes a PNG; give it a name that ends in .png", flags.out);
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
+  const std::shared_ptr<const MapView> map = ViewOf(loaded.set);
   if (flags.out.empty()) {
-    SPLINEMAP_ASSIGN_OR_RETURN(const std::string preview, Preview(*loaded.map, 4));
+    SPLINEMAP_ASSIGN_OR_RETURN(const std::string preview, Preview(*map, 4));
     std::fputs(preview.c_str(), stdout);
-    return ReportDamages(loaded);
+    return ReportCorruption(loaded);
   }
   constexpr int kSide = 1200;
   const double pixels_per_knot = flags.pixels_per_knot > 0
                                      ? flags.pixels_per_knot
-                                     : std::max(1.0, FittingPixelsPerKnot(*loaded.map, kSide));
-  SPLINEMAP_ASSIGN_OR_RETURN(const PixelGrid grid, FittingGrid(*loaded.map, pixels_per_knot));
+                                     : std::max(1.0, FittingPixelsPerKnot(*map, kSide));
+  SPLINEMAP_ASSIGN_OR_RETURN(const PixelGrid grid, FittingGrid(*map, pixels_per_knot));
   SPLINEMAP_ASSIGN_OR_RETURN(NewFile file, NewFile::Create(flags.out));
-  SPLINEMAP_RETURN_IF_ERROR(WritePng(RenderMap(*loaded.map, grid), file));
+  SPLINEMAP_RETURN_IF_ERROR(WritePng(RenderMap(*map, grid), file));
   SPLINEMAP_RETURN_IF_ERROR(file.Commit());
   Say(stderr, "{}: {} x {} pixels of {:.4g} m, left {:.4g} m, top {:.4g} m", flags.out, grid.width,
       grid.height, grid.pixel_m, grid.left_m, grid.top_m);
-  return ReportDamages(loaded);
+  return ReportCorruption(loaded);
 }
 
 constexpr const char* kRenderExamples = R"(

@@ -8,6 +8,7 @@
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/live_view.h"
 #include "clients/splinemap/say.h"
+#include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/lcm_bus.h"
@@ -36,7 +37,7 @@ nlohmann::json ToJson(const status_t& status) {
   return {{"utime", status.utime},
           {"name", status.name},
           {"origin", fmt::format("{:016x}", static_cast<uint64_t>(status.origin))},
-          {"incarnation", status.incarnation},
+          {"session_number", status.session_number},
           {"uptime_s", status.uptime_s},
           {"messages_received", status.messages_received},
           {"scans_received", status.scans_received},
@@ -58,7 +59,7 @@ nlohmann::json ToJson(const status_t& status) {
 }
 
 // Until the user ends it.
-absl::StatusOr<int> ShowLive(const WatchFlags& flags) {
+absl::StatusOr<int> DrawLive(const WatchFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
   FollowOptions follow;
   follow.channel_prefix = flags.prefix;
@@ -66,8 +67,8 @@ absl::StatusOr<int> ShowLive(const WatchFlags& flags) {
   LiveView view(*replica);
   bus->Subscribe(flags.prefix + "_STATUS",
                  [&](const std::string&, absl::Span<const uint8_t> message) {
-                   const absl::StatusOr<status_t> status = DecodeStatus(message);
-                   if (status.ok()) view.TakeStatus(*status);
+                   const absl::StatusOr<status_t> status = Decode<status_t>(message);
+                   if (status.ok()) view.HandleStatus(*status);
                  });
   fmt::print("\x1b[2J");
   auto next_draw = Clock::now();
@@ -82,13 +83,13 @@ absl::StatusOr<int> ShowLive(const WatchFlags& flags) {
 }
 
 absl::StatusOr<int> Watch(const WatchFlags& flags) {
-  if (isatty(STDOUT_FILENO) == 1 && !flags.json && !flags.once) return ShowLive(flags);
+  if (isatty(STDOUT_FILENO) == 1 && !flags.json && !flags.once) return DrawLive(flags);
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
   const std::string channel = flags.prefix + "_STATUS";
   int64_t seen = 0;
   bool is_written = true;
   bus->Subscribe(channel, [&](const std::string&, absl::Span<const uint8_t> message) {
-    const absl::StatusOr<status_t> status = DecodeStatus(message);
+    const absl::StatusOr<status_t> status = Decode<status_t>(message);
     if (!status.ok()) {
       Say(stderr, "{}: {}", channel, ErrorText(status.status()));
       return;
@@ -104,7 +105,7 @@ absl::StatusOr<int> Watch(const WatchFlags& flags) {
   const auto timeout = std::chrono::duration<double>(flags.timeout_s);
   for (auto heard = Clock::now(); Clock::now() - heard < timeout;) {
     if (bus->Handle(kWatchTick) == LcmBus::Handled::kMessage) heard = Clock::now();
-    if (const auto news = bus->TakeNews()) Say(stderr, "{}", *news);
+    if (const auto news = bus->DrainNews()) Say(stderr, "{}", *news);
     if (!is_written) return kFailed;  // whom it wrote to went
     if (flags.once && seen > 0) return kSuccess;
   }

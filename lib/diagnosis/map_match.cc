@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "lib/map/tile.h"
+#include "lib/tiles/tile.h"
 
 namespace splinemap {
 namespace {
@@ -22,7 +22,7 @@ ControlPoint NearestControlPoint(const Eigen::Vector2d& point_m, const TileTree&
 
 }  // namespace
 
-HitsInMap LookUpHits(const PlacedScan& scan, const TileTree& tiles, double knot_interval_m) {
+HitsInMap FindHits(const PlacedScan& scan, const TileTree& tiles, double knot_interval_m) {
   HitsInMap hits;
   const size_t step = std::max<size_t>(1, scan.beams.size() / kHitsLookedUp);
   for (size_t k = 0; k < scan.beams.size(); k += step) {

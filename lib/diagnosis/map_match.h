@@ -1,7 +1,7 @@
 #pragma once
 
-#include "lib/map/tile_tree.h"
 #include "lib/sensing/scan_queue.h"
+#include "lib/tiles/tile_tree.h"
 
 namespace splinemap {
 
@@ -12,6 +12,6 @@ struct HitsInMap {
 };
 
 // Looks some 30 hits of the scan up, evenly chosen.
-HitsInMap LookUpHits(const PlacedScan& scan, const TileTree& tiles, double knot_interval_m);
+HitsInMap FindHits(const PlacedScan& scan, const TileTree& tiles, double knot_interval_m);
 
 }  // namespace splinemap

@@ -64,7 +64,7 @@ class Trials {
   }
 
   std::vector<FlagTrial> Run() {
-    std::vector<DriveSample> samples;
+    std::vector<RecordingSample> samples;
     for (const FlagTrial& trial : trials_) {
       samples.push_back(SampleOf(survey_.ScansOf(trial.scan), survey_.PosesOf(trial.pose),
                                  TimeOffset(trial), kSampleScans));
@@ -85,22 +85,23 @@ class Trials {
   // Spreads can be compared between pose channels where all have the same scans: those of the
   // largest sample that have poses of every channel that has enough to offer. Where they are too
   // few, the largest stays alone.
-  void CompareEqualScans(std::vector<DriveSample>& samples) const {
-    const auto largest = std::max_element(
-        samples.begin(), samples.end(),
-        [](const DriveSample& a, const DriveSample& b) { return a.scans.size() < b.scans.size(); });
+  void CompareEqualScans(std::vector<RecordingSample>& samples) const {
+    const auto largest = std::max_element(samples.begin(), samples.end(),
+                                          [](const RecordingSample& a, const RecordingSample& b) {
+                                            return a.scans.size() < b.scans.size();
+                                          });
     std::vector<RangeReadings> scans = largest->scans;
     const double turned_rad = largest->turned_rad;
     // Poses of less than half of the drive are no choice.
     const size_t enough = std::max(kMinDriveScans, largest->scans.size() / 2);
-    const auto is_usable = [&](const DriveSample& s) { return s.scans.size() >= enough; };
+    const auto is_usable = [&](const RecordingSample& s) { return s.scans.size() >= enough; };
     for (size_t k = 0; k < samples.size(); ++k) {
       if (!is_usable(samples[k])) continue;
       std::erase_if(scans, [&](const RangeReadings& readings) {
         return !HasPosesAround(samples[k].poses, readings.utime + TimeOffset(trials_[k]));
       });
     }
-    for (DriveSample& sample : samples) {
+    for (RecordingSample& sample : samples) {
       const bool takes_part =
           scans.size() < kMinDriveScans ? &sample == &*largest : is_usable(sample);
       if (!takes_part) sample.scans.clear();

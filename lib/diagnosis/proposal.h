@@ -7,7 +7,7 @@
 
 #include "absl/status/statusor.h"
 #include "lib/config/config.h"
-#include "lib/diagnosis/flag_search.h"
+#include "lib/diagnosis/sensor_option_search.h"
 #include "lib/diagnosis/survey.h"
 
 namespace splinemap {

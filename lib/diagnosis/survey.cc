@@ -2,11 +2,14 @@
 
 #include <algorithm>
 
+#include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/did_you_mean.h"
 #include "lib/base/plain_text.h"
 #include "lib/base/status.h"
-#include "lib/diagnosis/drive_sample.h"
+#include "lib/diagnosis/recording_sample.h"
 #include "lib/logs/lcm_log.h"
+#include "lib/wire/decode.h"
+#include "lib/wire/sensor_messages.h"
 
 namespace splinemap {
 namespace {
@@ -73,7 +76,7 @@ void Survey::Add(Utime received, const std::string& name, absl::Span<const uint8
   sighting.last_received = received;
   if (!channel.type) SetType(sighting, message);
   if (!channel.type) return;
-  const absl::StatusOr<Utime> utime = Look(sighting, message);
+  const absl::StatusOr<Utime> utime = Check(sighting, message);
   if (!utime.ok()) {
     if (channel.malformed++ == 0) channel.complaint = ErrorText(utime.status());
     return;
@@ -103,7 +106,7 @@ void Survey::SetType(Sighting& sighting, absl::Span<const uint8_t> message) {
                         (IsPose(*channel.type) && pose_channels_++ < kMaxPoseChannels);
 }
 
-absl::StatusOr<Utime> Survey::Look(Sighting& sighting, absl::Span<const uint8_t> message) {
+absl::StatusOr<Utime> Survey::Check(Sighting& sighting, absl::Span<const uint8_t> message) {
   SurveyedChannel& channel = sighting.channel;
   if (TypeOf(message) != channel.type) return InvalidArgument("{}", Describe(message));
   if (IsPose(*channel.type)) {
@@ -127,7 +130,7 @@ absl::StatusOr<Utime> Survey::Look(Sighting& sighting, absl::Span<const uint8_t>
     return utime;
   }
   if (channel.type == MessageType::kStatus) {
-    SPLINEMAP_ASSIGN_OR_RETURN(const status_t status, DecodeStatus(message));
+    SPLINEMAP_ASSIGN_OR_RETURN(const status_t status, Decode<status_t>(message));
     return Utime(status.utime);
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const SensorMount mount, DecodeSensorMount(message));

@@ -14,7 +14,7 @@
 #include "lib/config/config.h"
 #include "lib/sensing/pose_buffer.h"
 #include "lib/sensing/scan.h"
-#include "lib/wire/decode.h"
+#include "lib/wire/message_type.h"
 
 namespace splinemap {
 
@@ -81,7 +81,7 @@ class Survey {
   };
 
   void SetType(Sighting& sighting, absl::Span<const uint8_t> message);
-  absl::StatusOr<Utime> Look(Sighting& sighting, absl::Span<const uint8_t> message);
+  absl::StatusOr<Utime> Check(Sighting& sighting, absl::Span<const uint8_t> message);
 
   static constexpr size_t kMaxLags = 10'000;
   static constexpr Utime kAnyTime = std::chrono::years(300);

@@ -7,7 +7,7 @@
 
 namespace splinemap {
 
-absl::Status WriteCsv(const MapSnapshot& map, const PixelGrid& grid, NewFile& file) {
+absl::Status WriteCsv(const MapView& map, const PixelGrid& grid, NewFile& file) {
   constexpr size_t kBlock = 1 << 16;
   std::string text = "x_m,y_m,log_odds,probability,known\n";
   for (int row = grid.height - 1; row >= 0; --row) {

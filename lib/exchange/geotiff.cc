@@ -92,7 +92,7 @@ bool SetPlace(TIFF* tiff, const PixelGrid& grid) {
                       "log-odds of occupied</Item></GDALMetadata>");
 }
 
-bool WriteRows(TIFF* tiff, const MapSnapshot& map, const PixelGrid& grid) {
+bool WriteRows(TIFF* tiff, const MapView& map, const PixelGrid& grid) {
   std::vector<float> values(grid.width);
   for (int row = 0; row < grid.height; ++row) {
     const double y_m = grid.CentreY(row);
@@ -108,7 +108,7 @@ bool WriteRows(TIFF* tiff, const MapSnapshot& map, const PixelGrid& grid) {
 
 }  // namespace
 
-absl::Status WriteGeoTiff(const MapSnapshot& map, const PixelGrid& grid, NewFile& file) {
+absl::Status WriteGeoTiff(const MapView& map, const PixelGrid& grid, NewFile& file) {
   std::string error;
   errno = 0;
   const Tiff tiff = Open(file.temporary_path(), &error);

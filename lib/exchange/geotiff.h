@@ -2,13 +2,13 @@
 
 #include "absl/status/status.h"
 #include "lib/base/file.h"
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 #include "lib/render/pixel_grid.h"
 
 namespace splinemap {
 
 // A GeoTIFF 1.0 of one band: the log-odds of occupied as float32, NaN and GDAL's nodata
 // where unknown. Model coordinates are the map frame, metres, in no reference system of the earth.
-absl::Status WriteGeoTiff(const MapSnapshot& map, const PixelGrid& grid, NewFile& file);
+absl::Status WriteGeoTiff(const MapView& map, const PixelGrid& grid, NewFile& file);
 
 }  // namespace splinemap

@@ -42,7 +42,7 @@ uint8_t RawPixel(const SurfaceSample& sample) {
   return static_cast<uint8_t>(std::lround(100 * Probability(sample.log_odds)));
 }
 
-absl::Status WritePgm(const MapSnapshot& map, const PixelGrid& grid,
+absl::Status WritePgm(const MapView& map, const PixelGrid& grid,
                       uint8_t (*pixel_of)(const SurfaceSample&), NewFile& file) {
   SPLINEMAP_RETURN_IF_ERROR(file.Write(fmt::format("P5\n{} {}\n255\n", grid.width, grid.height)));
   std::string pixels(grid.width, '\0');
@@ -68,7 +68,7 @@ Rgba ScalePixel(const SurfaceSample& sample) {
 }
 
 // In four channels, though two would do: readers of grey with transparency differ.
-absl::Status WriteScalePng(const MapSnapshot& map, const PixelGrid& grid, NewFile& file) {
+absl::Status WriteScalePng(const MapView& map, const PixelGrid& grid, NewFile& file) {
   std::vector<Rgba> pixels;
   pixels.reserve(size_t{1} * grid.width * grid.height);
   for (int row = 0; row < grid.height; ++row) {
@@ -114,8 +114,7 @@ absl::StatusOr<std::string> YamlString(const std::string& text) {
 
 std::string RosImageExtension(RosMode mode) { return mode == RosMode::kScale ? ".png" : ".pgm"; }
 
-absl::Status WriteRosImage(const MapSnapshot& map, const PixelGrid& grid, RosMode mode,
-                           NewFile& file) {
+absl::Status WriteRosImage(const MapView& map, const PixelGrid& grid, RosMode mode, NewFile& file) {
   if (mode == RosMode::kScale) return WriteScalePng(map, grid, file);
   return WritePgm(map, grid, mode == RosMode::kTrinary ? TrinaryPixel : RawPixel, file);
 }

@@ -5,7 +5,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "lib/base/file.h"
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 #include "lib/render/pixel_grid.h"
 
 namespace splinemap {
@@ -27,8 +27,7 @@ std::string RosImageExtension(RosMode mode);
 
 // The picture, with the surface at the centre of each pixel. ROS counts cells from the lower left,
 // pictures from the upper left; the readers turn it.
-absl::Status WriteRosImage(const MapSnapshot& map, const PixelGrid& grid, RosMode mode,
-                           NewFile& file);
+absl::Status WriteRosImage(const MapView& map, const PixelGrid& grid, RosMode mode, NewFile& file);
 
 // The content of the .yaml for a picture `image` in the same folder. Its numbers read back exactly.
 // InvalidArgument for a name with control characters.

@@ -5,28 +5,28 @@ namespace splinemap {
 namespace {
 
 // Of the whole map, where there is one.
-std::optional<Region> RegionOfAll(const MapSnapshot& map) {
+std::optional<Region> RegionOfAll(const MapView& map) {
   TileBox box;
-  map.merged.ForEach([&](TileKey key, const TileTree::Entry&) { box.Add(key); });
+  map.tiles.ForEach([&](TileKey key, const TileTree::Entry&) { box.Add(key); });
   if (box.IsEmpty()) return std::nullopt;
   return RegionOf(box, map.options.knot_interval_m);
 }
 
 }  // namespace
 
-TileBox ChangedTiles(const MapSnapshot& before, const MapSnapshot& after) {
+TileBox ChangedTiles(const MapView& before, const MapView& after) {
   TileBox box;
   const auto add = [&](TileKey key, const TileTree::Entry&) { box.Add(key); };
-  if (before.merged.line() == after.merged.line()) {
-    after.merged.ForEachChanged(before.merged.epoch(), add);
+  if (before.tiles.lineage() == after.tiles.lineage()) {
+    after.tiles.ForEachChanged(before.tiles.version(), add);
     return box;
   }
-  before.merged.ForEach(add);
-  after.merged.ForEach(add);
+  before.tiles.ForEach(add);
+  after.tiles.ForEach(add);
   return box;
 }
 
-std::optional<Region> ChangedRegion(const MapSnapshot& before, const MapSnapshot& after) {
+std::optional<Region> ChangedRegion(const MapView& before, const MapView& after) {
   if (before.options == after.options) {
     const TileBox changed = ChangedTiles(before, after);
     if (changed.IsEmpty()) return std::nullopt;

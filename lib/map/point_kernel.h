@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "lib/map/tile.h"
 #include "lib/spline/surface.h"
+#include "lib/tiles/tile.h"
 
 namespace splinemap {
 

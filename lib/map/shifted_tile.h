@@ -2,9 +2,9 @@
 
 #include <vector>
 
-#include "lib/map/layer_control.h"
-#include "lib/map/tile.h"
-#include "lib/map/tile_tree.h"
+#include "lib/layers/layer_settings.h"
+#include "lib/tiles/tile.h"
+#include "lib/tiles/tile_tree.h"
 
 namespace splinemap {
 

@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "lib/map/tile.h"
 #include "lib/mapping/free_line_table.h"
 #include "lib/mapping/sum_plane.h"
+#include "lib/tiles/tile.h"
 
 namespace splinemap {
 

@@ -4,11 +4,11 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "lib/map/layer.h"
-#include "lib/map/tile.h"
+#include "lib/layers/layer.h"
 #include "lib/mapping/scan_kernel.h"
 #include "lib/mapping/sum_plane.h"
 #include "lib/sensing/scan.h"
+#include "lib/tiles/tile.h"
 
 namespace splinemap {
 

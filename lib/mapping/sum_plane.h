@@ -5,7 +5,7 @@
 #include <memory>
 #include <vector>
 
-#include "lib/map/tile.h"
+#include "lib/tiles/tile.h"
 
 namespace splinemap {
 

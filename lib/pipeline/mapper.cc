@@ -6,6 +6,7 @@
 
 #include "lib/base/status.h"
 #include "lib/diagnosis/map_match.h"
+#include "lib/wire/sensor_messages.h"
 
 namespace splinemap {
 namespace {
@@ -13,7 +14,7 @@ namespace {
 // So many scans in a row without pose are a problem and no beginning or end.
 constexpr int kManyScans = 20;
 // So many scans in a row at odds with the map are no accident: a walker, an opened door.
-constexpr int kManyAtOdds = 12;
+constexpr int kDisagreeingScans = 12;
 // A scan is at odds with the map where this share of its hits lies in free space: of a room that is
 // taken to be elsewhere, half of the walls do, and half lie beyond. Of recorded drives a few
 // percent.
@@ -102,7 +103,7 @@ void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message) {
   }
   if (options.use_beam_times && readings->beam_utimes.size() > 1 &&
       !HaveUsefulBeamTimes(*readings)) {
-    Find(Symptom::kUselessBeamTimes, name,
+    Find(Problem::kUselessBeamTimes, name,
          "the beam times of its scans differ by less than 10 ms; if the sensor is slower, set "
          "beam_times=false and scan_duration_ms, as preset michigan_2017 does");
   }
@@ -118,7 +119,7 @@ void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message) {
 bool Mapper::ChooseOptions(ScanChannel& channel, MessageType type, const RangeReadings& readings) {
   if (channel.options && channel.type == type) return true;
   const std::string& name = channel.config.channel();
-  std::string& preset = channel.told_presets[type];
+  std::string& preset = channel.detected_presets[type];
   if (channel.config.preset() != "auto") {
     preset = channel.config.preset();
   } else if (preset.empty()) {
@@ -211,22 +212,22 @@ bool Mapper::HasMoved(const ScanChannel& channel, const Pose2& world_T_robot) co
 void Mapper::CheckAgainstMap(ScanChannel& channel, const PlacedScan& scan) {
   // First things first: wrong flags make scans disagree, too.
   if (channel.drive && ++channel.scans_before_flags < kScansBeforeFlags) return;
-  const HitsInMap hits = LookUpHits(scan, layer_.tiles(), map_options_.knot_interval_m);
+  const HitsInMap hits = FindHits(scan, layer_.tiles(), map_options_.knot_interval_m);
   if (hits.looked_up < kMinHits) return;
   const bool at_odds = hits.in_free > kAtOdds * hits.looked_up;
   channel.disagreeing_in_a_row = at_odds ? channel.disagreeing_in_a_row + 1 : 0;
-  if (channel.disagreeing_in_a_row != kManyAtOdds) return;
+  if (channel.disagreeing_in_a_row != kDisagreeingScans) return;
   channel.disagreeing_in_a_row = 0;
-  if (!channel.sharper_flags.empty()) {
-    Find(Symptom::kFlagsDisagree, channel.config.channel(), channel.sharper_flags);
+  if (!channel.better_options.empty()) {
+    Find(Problem::kOptionsDisagree, channel.config.channel(), channel.better_options);
     return;
   }
-  Find(Symptom::kMapDisagrees, channel.config.channel(),
+  Find(Problem::kMapDisagrees, channel.config.channel(),
        fmt::format("{} scans in a row do not match the map: many of their hits lie where it is "
                    "free. Did the localisation on {} jump, or does it drift, or is it in another "
                    "frame or clock than when the map was made? splinemap doctor compares the pose "
                    "channels of a log",
-                   kManyAtOdds, pose_channel_));
+                   kDisagreeingScans, pose_channel_));
 }
 
 void Mapper::TryOtherFlags(ScanChannel& channel) {
@@ -235,7 +236,7 @@ void Mapper::TryOtherFlags(ScanChannel& channel) {
   const auto proposal = SearchFlags(drive->sample(), *channel.options);
   if (!proposal || proposal->spread > kClearlySharper * proposal->spread_given) return;
   const std::string flag = ScanFlagOf(ScanWith(channel.config, channel.preset, proposal->options));
-  channel.sharper_flags =
+  channel.better_options =
       proposal->is_time_beyond
           ? fmt::format(
                 "its scans and the poses of {} seem to be more than a second apart; set or "
@@ -245,7 +246,7 @@ void Mapper::TryOtherFlags(ScanChannel& channel) {
                 "read otherwise it gives a sharper map: hits lie in {:.0f} cells of 5 cm, "
                 "and in {:.0f} as it is read now. Try --scan {}",
                 proposal->spread, proposal->spread_given, flag);
-  Find(Symptom::kFlagsDisagree, channel.config.channel(), channel.sharper_flags);
+  Find(Problem::kOptionsDisagree, channel.config.channel(), channel.better_options);
 }
 
 void Mapper::Drop(DropReason reason, const std::string& channel, const std::string& explanation) {
@@ -254,9 +255,9 @@ void Mapper::Drop(DropReason reason, const std::string& channel, const std::stri
                fmt::format("dropped {} on {}: {}", DropName(reason), channel, explanation));
 }
 
-void Mapper::Find(Symptom symptom, const std::string& channel, std::string text) {
-  ++counts_.symptoms[static_cast<int>(symptom)];
-  notices_.Add(true, fmt::format("{} {}", SymptomName(symptom), channel),
+void Mapper::Find(Problem problem, const std::string& channel, std::string text) {
+  ++counts_.problems[static_cast<int>(problem)];
+  notices_.Add(true, fmt::format("{} {}", ProblemName(problem), channel),
                fmt::format("{}: {}", channel, text));
 }
 
@@ -274,7 +275,7 @@ void Mapper::NoticeQueueDrops() {
     NoticeMissingPoses(static_cast<int>(k));
   }
   if (counts.time_jumps > noticed_.time_jumps) {
-    Find(Symptom::kTimeJump,
+    Find(Problem::kTimeJump,
          counts.jumped_channel ? scan_channels_[*counts.jumped_channel].config.channel()
                                : pose_channel_,
          "message time jumped back (a log was rewound?); the map is kept");
@@ -286,12 +287,12 @@ void Mapper::NoticeMissingPoses(int index) {
   ScanChannel& channel = scan_channels_[index];
   const int64_t in_a_row = queue_.counts().without_pose_in_a_row[index];
   const std::string& name = channel.config.channel();
-  if (in_a_row == 0 && std::exchange(channel.is_lost, false)) {
+  if (in_a_row == 0 && std::exchange(channel.has_no_poses, false)) {
     notices_.Add(false, "poses again " + name, name + ": scans have poses again");
   }
   if (in_a_row / kManyScans <= noticed_.without_pose_in_a_row[index] / kManyScans) return;
-  channel.is_lost = true;
-  Find(Symptom::kWithoutPoses, name,
+  channel.has_no_poses = true;
+  Find(Problem::kWithoutPoses, name,
        fmt::format("{} scans in a row have no poses before and after them. {}", in_a_row,
                    WhyWithoutPoses(index)));
 }

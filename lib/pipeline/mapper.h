@@ -9,15 +9,15 @@
 
 #include "absl/types/span.h"
 #include "lib/config/config.h"
-#include "lib/diagnosis/flag_search.h"
-#include "lib/map/layer.h"
-#include "lib/map/map.h"
+#include "lib/diagnosis/sensor_option_search.h"
+#include "lib/layers/layer.h"
+#include "lib/map/map_view.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
 #include "lib/pipeline/notice.h"
 #include "lib/sensing/drop_counts.h"
 #include "lib/sensing/scan_queue.h"
-#include "lib/wire/decode.h"
+#include "lib/wire/message_type.h"
 
 namespace splinemap {
 
@@ -30,7 +30,7 @@ struct MapperCounts {
   int64_t scans_mapped = 0;
   int64_t beams_mapped = 0;
   DropCounts drops;
-  SymptomCounts symptoms{};
+  ProblemCounts problems{};
 };
 
 // From LCM messages to commits: decode, bring scans and poses together, accumulate, commit. The
@@ -55,8 +55,8 @@ class Mapper {
   size_t scans_queued() const { return queue_.size(); }
   Utime newest_scan_utime() const { return newest_scan_utime_; }
 
-  // What happened since the last call: chosen presets, drops by kind and channel, symptoms.
-  std::vector<Notice> TakeNotices() { return notices_.Take(); }
+  // What happened since the last call: chosen presets, drops by kind and channel, problems.
+  std::vector<Notice> DrainNotices() { return notices_.Take(); }
 
  private:
   struct ScanChannel {
@@ -66,13 +66,13 @@ class Mapper {
     std::unique_ptr<DriveCollector> drive;  // until the flags were tried on it
     std::string preset;                     // of options
     std::optional<MessageType> type;        // of message that options are for
-    std::map<MessageType, std::string> told_presets;
-    std::string sharper_flags;                // if there are any, in words
+    std::map<MessageType, std::string> detected_presets;
+    std::string better_options;               // if there are any, in words
     std::optional<Utime> newest_utime;        // of its scans, time offset included
     std::optional<Pose2> last_world_T_robot;  // of its last scan mapped
     int scans_before_flags = 0;
     int disagreeing_in_a_row = 0;  // scans whose hits lie in free space
-    bool is_lost = false;          // many scans in a row had no pose
+    bool has_no_poses = false;     // many scans in a row had no pose
   };
 
   void HandleScan(int channel, absl::Span<const uint8_t> message);
@@ -83,7 +83,7 @@ class Mapper {
   void MapScan(const PlacedScan& scan);
   bool HasMoved(const ScanChannel& channel, const Pose2& world_T_robot) const;
   void Drop(DropReason reason, const std::string& channel, const std::string& explanation);
-  void Find(Symptom symptom, const std::string& channel, std::string text);
+  void Find(Problem problem, const std::string& channel, std::string text);
   void NoticeQueueDrops();
   void NoticeMissingPoses(int index);
   std::string WhyWithoutPoses(int index) const;

@@ -4,36 +4,44 @@
 
 namespace splinemap {
 
-const char* SymptomName(Symptom symptom) {
-  switch (symptom) {
-    case Symptom::kUselessBeamTimes:
+const char* ProblemName(Problem problem) {
+  switch (problem) {
+    case Problem::kUselessBeamTimes:
       return "useless_beam_times";
-    case Symptom::kFlagsDisagree:
-      return "flags_disagree";
-    case Symptom::kWithoutPoses:
+    case Problem::kOptionsDisagree:
+      return "options_disagree";
+    case Problem::kWithoutPoses:
       return "without_poses";
-    case Symptom::kMapDisagrees:
+    case Problem::kMapDisagrees:
       return "map_disagrees";
-    case Symptom::kTimeJump:
+    case Problem::kTimeJump:
       return "time_jump";
-    case Symptom::kHostClockJump:
+    case Problem::kHostClockJump:
       return "host_clock_jump";
-    case Symptom::kSilence:
+    case Problem::kSilence:
       return "silence";
-    case Symptom::kLostDatagrams:
+    case Problem::kLostDatagrams:
       return "lost_datagrams";
-    case Symptom::kSharedIdentity:
+    case Problem::kSharedIdentity:
       return "shared_identity";
-    case Symptom::kSharedName:
+    case Problem::kSharedName:
       return "shared_name";
-    case Symptom::kRefusedLayer:
+    case Problem::kRefusedLayer:
       return "refused_layer";
-    case Symptom::kRefusedDecision:
-      return "refused_decision";
-    case Symptom::kDisownedTiles:
+    case Problem::kRefusedSetting:
+      return "refused_setting";
+    case Problem::kDisownedTiles:
       return "disowned_tiles";
-    case Symptom::kBusAway:
+    case Problem::kBusAway:
       return "bus_away";
+    case Problem::kRefusedRequests:
+      return "refused_requests";
+    case Problem::kMalformedMessages:
+      return "malformed_messages";
+    case Problem::kDroppedUpdates:
+      return "dropped_updates";
+    case Problem::kLostLogLines:
+      return "lost_log_lines";
   }
   return "unknown";
 }

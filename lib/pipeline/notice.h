@@ -9,29 +9,33 @@
 namespace splinemap {
 
 // What is wrong beyond single messages; see DropReason for those.
-enum class Symptom {
-  kUselessBeamTimes,  // configured to be used, and all the same
-  kFlagsDisagree,     // other flags would make a sharper map
-  kWithoutPoses,      // scans in a row that never get a pose
-  kMapDisagrees,      // scans in a row whose hits lie in free space
-  kTimeJump,          // message time stepped back
-  kHostClockJump,     // the clock of this computer was set
-  kSilence,           // a channel from which nothing comes
-  kLostDatagrams,     // dropped by the system before the daemon could take them
-  kSharedIdentity,    // somebody else publishes the daemon's layer
-  kSharedName,        // two layers have one name
-  kRefusedLayer,      // a layer that cannot be summed
-  kRefusedDecision,   // a decision about a layer that nobody can have made
-  kDisownedTiles,     // tiles in the name of a robot that does not have them
-  kBusAway,           // the LCM bus cannot be opened, or broke off
+enum class Problem {
+  kUselessBeamTimes,   // configured to be used, and all the same
+  kOptionsDisagree,    // other options of the sensor would make a sharper map
+  kWithoutPoses,       // scans in a row that never get a pose
+  kMapDisagrees,       // scans in a row whose hits lie in free space
+  kTimeJump,           // message time stepped back
+  kHostClockJump,      // the clock of this computer was set
+  kSilence,            // a channel from which nothing comes
+  kLostDatagrams,      // dropped by the system before the daemon could take them
+  kSharedIdentity,     // somebody else publishes the daemon's layer
+  kSharedName,         // two layers have one name
+  kRefusedLayer,       // a layer that cannot be summed
+  kRefusedSetting,     // a setting of a layer that nobody can have made
+  kDisownedTiles,      // tiles in the name of a robot that does not have them
+  kBusAway,            // the LCM bus cannot be opened, or broke off
+  kRefusedRequests,    // clients ask more than can be answered
+  kMalformedMessages,  // on splinemap's own channels
+  kDroppedUpdates,     // messages about layers that came faster than they were handled
+  kLostLogLines,       // nobody reads the log
 };
-inline constexpr int kNumSymptoms = static_cast<int>(Symptom::kBusAway) + 1;
+inline constexpr int kNumProblems = static_cast<int>(Problem::kLostLogLines) + 1;
 
 // As in status messages: "useless_beam_times".
-const char* SymptomName(Symptom symptom);
+const char* ProblemName(Problem problem);
 
 // How often each was found.
-using SymptomCounts = std::array<int64_t, kNumSymptoms>;
+using ProblemCounts = std::array<int64_t, kNumProblems>;
 
 // What a person should know.
 struct Notice {

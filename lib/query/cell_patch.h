@@ -4,8 +4,8 @@
 #include <array>
 #include <cstdint>
 
-#include "lib/map/tile_tree.h"
 #include "lib/query/surface_bounds.h"
+#include "lib/tiles/tile_tree.h"
 
 namespace splinemap {
 

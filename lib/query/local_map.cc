@@ -20,45 +20,46 @@ double LogProbability(double log_odds) {
 
 }  // namespace
 
-uint64_t RevisionOf(const MapSnapshot& map) {
-  uint64_t revision = 0;
-  for (const LayerSnapshot& layer : map.layers) revision += layer.revision;
-  for (const auto& [id, control] : map.controls.records()) revision += control.counter;
-  return revision;
-}
-
-void LocalMap::Show(std::shared_ptr<const MapSnapshot> map) {
+void LocalMap::Use(std::shared_ptr<const MapView> map) {
   MutexLock lock(mutex_);
   map_ = std::move(map);
 }
 
-std::shared_ptr<const MapSnapshot> LocalMap::Snapshot() const {
+std::shared_ptr<const MapView> LocalMap::View() const {
   MutexLock lock(mutex_);
   return map_;
 }
 
 std::shared_ptr<const LocalMap> LocalMap::Keep() const {
-  auto kept = std::make_shared<LocalMap>(Snapshot());
+  auto kept = std::make_shared<LocalMap>(View());
   MutexLock lock(bounds_mutex_);
   MutexLock kept_lock(kept->bounds_mutex_);
-  if (bounded_.map == kept->Snapshot()) kept->bounded_ = bounded_;
+  if (bounded_.map == kept->View()) kept->bounded_ = bounded_;
   return kept;
 }
 
 LocalMap::BoundedMap LocalMap::Bounded() const {
   MutexLock lock(bounds_mutex_);
-  if (auto map = Snapshot(); bounded_.map != map) {
+  if (auto map = View(); bounded_.map != map) {
     bounded_.bounds = bounds_.Update(*map);
     bounded_.map = std::move(map);
   }
   return bounded_;
 }
 
-absl::StatusOr<PointsQuery::Answer> LocalMap::Ask(const PointsQuery& query) const {
-  SPLINEMAP_RETURN_IF_ERROR(Check(query));
-  const auto map = Snapshot();
+absl::StatusOr<AnyAnswer> LocalMap::AskAny(const AnyQuery& query) const {
+  return std::visit(
+      [this](const auto* q) -> absl::StatusOr<AnyAnswer> {
+        SPLINEMAP_RETURN_IF_ERROR(Check(*q));
+        return Answer(*q);
+      },
+      query);
+}
+
+absl::StatusOr<PointsQuery::Answer> LocalMap::Answer(const PointsQuery& query) const {
+  const auto map = View();
   PointsQuery::Answer answer;
-  answer.revision = RevisionOf(*map);
+  answer.revision = map->revision;
   answer.samples.resize(query.points_m.size());
   map->EvaluateMany(query.points_m, absl::MakeSpan(answer.samples));
   if (!query.with_hessians) return answer;
@@ -69,22 +70,20 @@ absl::StatusOr<PointsQuery::Answer> LocalMap::Ask(const PointsQuery& query) cons
   return answer;
 }
 
-absl::StatusOr<RaysQuery::Answer> LocalMap::Ask(const RaysQuery& query) const {
-  SPLINEMAP_RETURN_IF_ERROR(Check(query));
+absl::StatusOr<RaysQuery::Answer> LocalMap::Answer(const RaysQuery& query) const {
   const BoundedMap bounded = Bounded();
   RaysQuery::Answer answer;
-  answer.revision = RevisionOf(*bounded.map);
+  answer.revision = bounded.map->revision;
   answer.ends.reserve(query.rays.size());
   RayCaster caster(*bounded.map, bounded.bounds, query.occupied_log_odds, query.unknown);
   for (const Ray& ray : query.rays) answer.ends.push_back(caster.Cast(ray));
   return answer;
 }
 
-absl::StatusOr<SweepsQuery::Answer> LocalMap::Ask(const SweepsQuery& query) const {
-  SPLINEMAP_RETURN_IF_ERROR(Check(query));
+absl::StatusOr<SweepsQuery::Answer> LocalMap::Answer(const SweepsQuery& query) const {
   const BoundedMap bounded = Bounded();
   SweepsQuery::Answer answer;
-  answer.revision = RevisionOf(*bounded.map);
+  answer.revision = bounded.map->revision;
   answer.results.reserve(query.sweeps.size());
   ObstacleSearch search(*bounded.map, bounded.bounds, query.occupied_log_odds, query.unknown);
   for (const Sweep& sweep : query.sweeps) {
@@ -93,11 +92,10 @@ absl::StatusOr<SweepsQuery::Answer> LocalMap::Ask(const SweepsQuery& query) cons
   return answer;
 }
 
-absl::StatusOr<RasterQuery::Answer> LocalMap::Ask(const RasterQuery& query) const {
-  SPLINEMAP_RETURN_IF_ERROR(Check(query));
-  const auto map = Snapshot();
+absl::StatusOr<RasterQuery::Answer> LocalMap::Answer(const RasterQuery& query) const {
+  const auto map = View();
   RasterQuery::Answer answer;
-  answer.revision = RevisionOf(*map);
+  answer.revision = map->revision;
   answer.cells.reserve(size_t{1} * query.width * query.height);
   std::vector<Eigen::Vector2d> centres_m(query.width);
   std::vector<SurfaceSample> samples(query.width);
@@ -111,11 +109,10 @@ absl::StatusOr<RasterQuery::Answer> LocalMap::Ask(const RasterQuery& query) cons
   return answer;
 }
 
-absl::StatusOr<LikelihoodsQuery::Answer> LocalMap::Ask(const LikelihoodsQuery& query) const {
-  SPLINEMAP_RETURN_IF_ERROR(Check(query));
-  const auto map = Snapshot();
+absl::StatusOr<LikelihoodsQuery::Answer> LocalMap::Answer(const LikelihoodsQuery& query) const {
+  const auto map = View();
   LikelihoodsQuery::Answer answer;
-  answer.revision = RevisionOf(*map);
+  answer.revision = map->revision;
   answer.log_likelihoods.reserve(query.world_T_robot.size());
   std::vector<Eigen::Vector2d> hits_m(query.hits_robot_m.size());
   std::vector<SurfaceSample> samples(query.hits_robot_m.size());
@@ -129,13 +126,13 @@ absl::StatusOr<LikelihoodsQuery::Answer> LocalMap::Ask(const LikelihoodsQuery& q
   return answer;
 }
 
-absl::StatusOr<DistancesQuery::Answer> LocalMap::Ask(const DistancesQuery& query) const {
-  SPLINEMAP_RETURN_IF_ERROR(Check(query));
+absl::StatusOr<DistancesQuery::Answer> LocalMap::Answer(const DistancesQuery& query) const {
   const BoundedMap bounded = Bounded();
   DistancesQuery::Answer answer;
-  answer.revision = RevisionOf(*bounded.map);
+  answer.revision = bounded.map->revision;
   answer.distances.reserve(query.points_m.size());
-  ObstacleSearch search(*bounded.map, bounded.bounds, query.occupied_log_odds, Unknown::kPasses);
+  ObstacleSearch search(*bounded.map, bounded.bounds, query.occupied_log_odds,
+                        UnknownPolicy::kFree);
   for (const Eigen::Vector2d& point_m : query.points_m) {
     answer.distances.push_back(
         FindDistance(search, point_m, query.max_distance_m, bounded.map->options.knot_interval_m));

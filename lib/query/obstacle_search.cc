@@ -103,12 +103,12 @@ bool NearSweep::Touches(const SearchSquare& square, double gone) const {
   return (square.NearestTo(centre) - centre).norm() <= radius + 2 * kTouching;
 }
 
-ObstacleSearch::ObstacleSearch(const MapSnapshot& map, const SurfaceBounds& bounds,
-                               double occupied_log_odds, Unknown unknown)
+ObstacleSearch::ObstacleSearch(const MapView& map, const SurfaceBounds& bounds,
+                               double occupied_log_odds, UnknownPolicy unknown)
     : threshold_(occupied_log_odds * kUnitsPerLogOdds),
       unknown_(unknown),
       bounds_(bounds),
-      patches_(map.merged) {}
+      patches_(map.tiles) {}
 
 ObstacleSearch::Found ObstacleSearch::Nearest(const NearPoint& ranking) { return Search(ranking); }
 
@@ -118,7 +118,7 @@ ObstacleSearch::Way ObstacleSearch::WayOverMap(const Eigen::Vector2d& from,
                                                const Eigen::Vector2d& to, double radius) const {
   const double length = (to - from).norm();
   Way way{0, length};
-  if (unknown_ == Unknown::kStops) return way;
+  if (unknown_ == UnknownPolicy::kBlocked) return way;
   const TileBox& box = bounds_.box;
   if (box.IsEmpty()) return {0, -1};
   const double reach = radius + kTouching;
@@ -151,12 +151,12 @@ ObstacleSearch::Found ObstacleSearch::Search(const Ranking& ranking) {
   is_certified_ = true;
   const Eigen::Vector2d low = ranking.low();
   const Eigen::Vector2d high = ranking.high();
-  if (unknown_ == Unknown::kStops && !IsOnMap(low, high)) {
+  if (unknown_ == UnknownPolicy::kBlocked && !IsOnMap(low, high)) {
     return {Occupancy::kUnknown, true, 0, {(low + high) / 2, 0}};
   }
   TileBox tiles{TileIndex(low.x()), TileIndex(low.y()), TileIndex(high.x()) + 1,
                 TileIndex(high.y()) + 1};
-  if (unknown_ == Unknown::kPasses) {
+  if (unknown_ == UnknownPolicy::kFree) {
     const TileBox& box = bounds_.box;
     tiles = {std::max(tiles.tx0, box.tx0), std::max(tiles.ty0, box.ty0),
              std::min(tiles.tx1, box.tx1), std::min(tiles.ty1, box.ty1)};
@@ -203,7 +203,7 @@ void ObstacleSearch::AddTile(const Ranking& ranking, TileKey key) {
   const Eigen::Vector2d low = Tile::kSide * Eigen::Vector2d(key.tx, key.ty);
   const TileBounds* tile = bounds_.tiles.Find(key);
   if (tile == nullptr) {
-    if (unknown_ == Unknown::kPasses) return;
+    if (unknown_ == UnknownPolicy::kFree) return;
     const SearchSquare square{low, Tile::kSide};
     Push({ranking.Rank(square), Kind::kUnknown, square, 0});
     return;
@@ -226,7 +226,7 @@ void ObstacleSearch::OpenBlock(const Ranking& ranking, const SearchSquare& block
   for (int dj = 0; dj < TileBounds::kBlockSide; ++dj) {
     const int row = (j & (Tile::kSide - 1)) + dj;
     uint32_t cells = threshold_ < 0 ? ~uint32_t{0} : tile.positive[row];
-    if (unknown_ == Unknown::kStops) cells |= tile.unknown[row];
+    if (unknown_ == UnknownPolicy::kBlocked) cells |= tile.unknown[row];
     cells = cells >> (i & (Tile::kSide - 1)) & ((1 << TileBounds::kBlockSide) - 1);
     for (; cells != 0; cells &= cells - 1) {
       const SearchSquare cell{block.low + Eigen::Vector2d(std::countr_zero(cells), dj), 1};
@@ -254,7 +254,7 @@ void ObstacleSearch::OpenCell(const Ranking& ranking, const SearchSquare& cell) 
     for (int x = 0; x < 2; ++x) {
       const SearchSquare quarter{cell.low + Eigen::Vector2d(0.5 * x, 0.5 * y), 0.5};
       if (!patch.IsKnown(x, y)) {
-        if (unknown_ == Unknown::kStops) {
+        if (unknown_ == UnknownPolicy::kBlocked) {
           Push({ranking.Rank(quarter), Kind::kUnknown, quarter, 0});
         }
       } else if (bounds.lower >= threshold_) {

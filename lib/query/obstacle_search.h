@@ -8,7 +8,7 @@
 #include <limits>
 #include <vector>
 
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 #include "lib/query/bezier_net.h"
 #include "lib/query/cell_patch.h"
 #include "lib/query/queries.h"
@@ -79,8 +79,8 @@ class ObstacleSearch {
     SearchSquare square;
   };
 
-  ObstacleSearch(const MapSnapshot& map, const SurfaceBounds& bounds, double occupied_log_odds,
-                 Unknown unknown);
+  ObstacleSearch(const MapView& map, const SurfaceBounds& bounds, double occupied_log_odds,
+                 UnknownPolicy unknown);
 
   Found Nearest(const NearPoint& ranking);
   Found First(const NearSweep& ranking);
@@ -110,7 +110,7 @@ class ObstacleSearch {
   };
 
   bool IsClear(const Bounds& bounds) const {
-    return bounds.upper < threshold_ && (bounds.all_known || unknown_ == Unknown::kPasses);
+    return bounds.upper < threshold_ && (bounds.all_known || unknown_ == UnknownPolicy::kFree);
   }
   void Push(Item item);
   template <typename Ranking>
@@ -125,7 +125,7 @@ class ObstacleSearch {
   void AddSurface(const Ranking& ranking, const BezierNet& net, const SearchSquare& square);
 
   const double threshold_;  // in units of control points
-  const Unknown unknown_;
+  const UnknownPolicy unknown_;
   const SurfaceBounds& bounds_;
   PatchReader patches_;
   std::vector<Item> heap_;

@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "lib/base/status.h"
-#include "lib/map/tile.h"
+#include "lib/tiles/tile.h"
 
 namespace splinemap {
 namespace {
@@ -24,8 +24,9 @@ absl::Status CheckThreshold(double occupied_log_odds) {
   return InvalidArgument("occupied_log_odds is {}", occupied_log_odds);
 }
 
-absl::Status CheckPolicy(Unknown unknown) {
-  if (unknown == Unknown::kStops || unknown == Unknown::kPasses) return absl::OkStatus();
+absl::Status CheckPolicy(UnknownPolicy unknown) {
+  if (unknown == UnknownPolicy::kBlocked || unknown == UnknownPolicy::kFree)
+    return absl::OkStatus();
   return InvalidArgument("unknown is {}, neither 0 nor 1", static_cast<int>(unknown));
 }
 

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <variant>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -17,13 +18,13 @@ namespace splinemap {
 enum class Occupancy : int8_t { kFree = 0, kOccupied = 1, kUnknown = 2 };
 
 // What rays and sweeps make of points whose nearest control point no measurement touched.
-enum class Unknown : int8_t {
-  kStops = 0,   // they end there
-  kPasses = 1,  // it counts as free
+enum class UnknownPolicy : int8_t {
+  kBlocked = 0,  // they end there
+  kFree = 1,     // it counts as free
 };
 
 // Where a surface is occupied: its log-odds are `occupied_log_odds` or more. 0: p >= 1/2.
-inline constexpr double kEvenLogOdds = 0;
+inline constexpr double kDefaultOccupied = 0;
 
 // Value and gradient, and with_hessians the second derivatives. Points that are not finite or off
 // the map (kMaxKnotIndex) are not known, and 0.
@@ -47,8 +48,8 @@ struct Ray {
 // Where rays end: the first point that is occupied, or unknown where that stops them.
 struct RaysQuery {
   std::vector<Ray> rays;
-  double occupied_log_odds = kEvenLogOdds;
-  Unknown unknown = Unknown::kStops;
+  double occupied_log_odds = kDefaultOccupied;
+  UnknownPolicy unknown = UnknownPolicy::kBlocked;
 
   struct End {
     Occupancy occupancy = Occupancy::kFree;
@@ -77,8 +78,8 @@ struct Sweep {
 // Whether discs can go along paths.
 struct SweepsQuery {
   std::vector<Sweep> sweeps;
-  double occupied_log_odds = kEvenLogOdds;
-  Unknown unknown = Unknown::kStops;
+  double occupied_log_odds = kDefaultOccupied;
+  UnknownPolicy unknown = UnknownPolicy::kBlocked;
 
   struct Result {
     Occupancy occupancy = Occupancy::kFree;
@@ -139,7 +140,7 @@ struct DistancesQuery {
 
   std::vector<Eigen::Vector2d> points_m;
   double max_distance_m = 2;
-  double occupied_log_odds = kEvenLogOdds;
+  double occupied_log_odds = kDefaultOccupied;
 
   struct Distance {
     double distance_m = 0;  // 0 in obstacles; max_distance_m where nothing is nearer
@@ -159,5 +160,22 @@ absl::Status Check(const SweepsQuery& query);
 absl::Status Check(const RasterQuery& query);
 absl::Status Check(const LikelihoodsQuery& query);
 absl::Status Check(const DistancesQuery& query);
+
+// All kinds of query: what is done for each of them is done over this list.
+template <typename... Queries>
+struct QueryList {
+  using Any = std::variant<const Queries*...>;
+  using AnyAnswer = std::variant<typename Queries::Answer...>;
+
+  // Calls f.template operator()<Query>() for each.
+  template <typename F>
+  static void ForEach(F f) {
+    (f.template operator()<Queries>(), ...);
+  }
+};
+using AllQueries =
+    QueryList<PointsQuery, RaysQuery, SweepsQuery, RasterQuery, LikelihoodsQuery, DistancesQuery>;
+using AnyQuery = AllQueries::Any;
+using AnyAnswer = AllQueries::AnyAnswer;
 
 }  // namespace splinemap

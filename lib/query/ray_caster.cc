@@ -60,13 +60,13 @@ void Clip(double origin, double direction, double low, double high, double& begi
 
 }  // namespace
 
-RayCaster::RayCaster(const MapSnapshot& map, const SurfaceBounds& bounds, double occupied_log_odds,
-                     Unknown unknown)
+RayCaster::RayCaster(const MapView& map, const SurfaceBounds& bounds, double occupied_log_odds,
+                     UnknownPolicy unknown)
     : knot_interval_m_(map.options.knot_interval_m),
       threshold_(occupied_log_odds * kUnitsPerLogOdds),
       unknown_(unknown),
       bounds_(bounds),
-      patches_(map.merged),
+      patches_(map.tiles),
       tile_(bounds.tiles.Find(tile_key_)) {}
 
 RaysQuery::End RayCaster::Cast(const Ray& ray) {
@@ -78,7 +78,8 @@ RaysQuery::End RayCaster::Cast(const Ray& ray) {
   Clip(line.origin.x(), line.direction.x(), kSide * box.tx0, kSide * box.tx1, begin, end);
   Clip(line.origin.y(), line.direction.y(), kSide * box.ty0, kSide * box.ty1, begin, end);
   const bool is_outside = box.IsEmpty() || begin > end;
-  if (unknown_ == Unknown::kStops && (is_outside || begin > 0)) return {Occupancy::kUnknown, 0};
+  if (unknown_ == UnknownPolicy::kBlocked && (is_outside || begin > 0))
+    return {Occupancy::kUnknown, 0};
   if (is_outside) return {Occupancy::kFree, ray.max_range_m};
   const End found = Follow(line, begin, end);
   const double range_m = found.range * knot_interval_m_;
@@ -86,7 +87,7 @@ RaysQuery::End RayCaster::Cast(const Ray& ray) {
     return {found.occupancy, std::min(range_m, ray.max_range_m)};
   }
   const bool leaves_map = end < ray.max_range_m / knot_interval_m_;
-  if (unknown_ == Unknown::kStops && leaves_map) return {Occupancy::kUnknown, range_m};
+  if (unknown_ == UnknownPolicy::kBlocked && leaves_map) return {Occupancy::kUnknown, range_m};
   return {Occupancy::kFree, ray.max_range_m};
 }
 
@@ -125,7 +126,7 @@ RayCaster::End RayCaster::Follow(const Line& line, double begin, double end) {
 // The tile or block that holds a cell, where there is nothing to be found in it; else the cell.
 RayCaster::Square RayCaster::LargestClearSquare(int32_t i, int32_t j) {
   const auto is_clear = [&](const Bounds& bounds) {
-    return bounds.upper < threshold_ && (bounds.all_known || unknown_ == Unknown::kPasses);
+    return bounds.upper < threshold_ && (bounds.all_known || unknown_ == UnknownPolicy::kFree);
   };
   if (const TileKey key = TileOf(i, j); key != tile_key_) {
     tile_key_ = key;
@@ -147,7 +148,7 @@ std::optional<RayCaster::End> RayCaster::FollowOverCell(const Line& line, const 
                                                         double begin, double end) {
   const CellPatch patch = patches_.Read(cell.i, cell.j);
   const Bounds bounds = patch.bounds();
-  if (bounds.upper < threshold_ && (bounds.all_known || unknown_ == Unknown::kPasses)) {
+  if (bounds.upper < threshold_ && (bounds.all_known || unknown_ == UnknownPolicy::kFree)) {
     return std::nullopt;
   }
   // Where the nearest control point changes.
@@ -171,7 +172,7 @@ std::optional<RayCaster::End> RayCaster::FollowOverCell(const Line& line, const 
   for (int k = 0; k + 1 < num_ends; ++k) {
     const Eigen::Vector2d middle = in_cell((ends[k] + ends[k + 1]) / 2);
     if (!patch.IsKnown(middle.x() >= 0.5 ? 1 : 0, middle.y() >= 0.5 ? 1 : 0)) {
-      if (unknown_ == Unknown::kStops) return End{Occupancy::kUnknown, ends[k]};
+      if (unknown_ == UnknownPolicy::kBlocked) return End{Occupancy::kUnknown, ends[k]};
       continue;
     }
     if (bounds.upper < threshold_) continue;

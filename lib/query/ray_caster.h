@@ -2,7 +2,7 @@
 
 #include <optional>
 
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 #include "lib/query/cell_patch.h"
 #include "lib/query/queries.h"
 #include "lib/query/surface_bounds.h"
@@ -14,8 +14,8 @@ namespace splinemap {
 // by their bounds, are taken in one step. Thread-compatible; outlived by what it was made of.
 class RayCaster {
  public:
-  RayCaster(const MapSnapshot& map, const SurfaceBounds& bounds, double occupied_log_odds,
-            Unknown unknown);
+  RayCaster(const MapView& map, const SurfaceBounds& bounds, double occupied_log_odds,
+            UnknownPolicy unknown);
 
   // Requires a ray that Check() lets pass.
   RaysQuery::End Cast(const Ray& ray);
@@ -44,7 +44,7 @@ class RayCaster {
 
   const double knot_interval_m_;
   const double threshold_;  // in units of control points
-  const Unknown unknown_;
+  const UnknownPolicy unknown_;
   const SurfaceBounds& bounds_;
   PatchReader patches_;
 

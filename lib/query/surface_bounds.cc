@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "absl/container/flat_hash_set.h"
-#include "lib/map/key_tree_impl.h"
+#include "lib/tiles/key_tree_impl.h"
 
 namespace splinemap {
 
@@ -122,14 +122,14 @@ std::optional<TileBounds> BoundsOfTile(const TileTree& tiles, TileKey key) {
 
 }  // namespace
 
-SurfaceBounds SurfaceBoundsEditor::Update(const MapSnapshot& map) {
-  const TileTree& tiles = map.merged;
-  if (tiles.line() != line_ || tiles.epoch() < epoch_) {
+SurfaceBounds SurfaceBoundsEditor::Update(const MapView& map) {
+  const TileTree& tiles = map.tiles;
+  if (tiles.lineage() != lineage_ || tiles.version() < version_) {
     *this = {};
-    line_ = tiles.line();
+    lineage_ = tiles.lineage();
   }
   absl::flat_hash_set<TileKey> touched;  // changed tiles and those around them
-  tiles.ForEachChanged(epoch_, [&](TileKey key, const TileTree::Entry&) {
+  tiles.ForEachChanged(version_, [&](TileKey key, const TileTree::Entry&) {
     for (int dy = -1; dy <= 1; ++dy) {
       for (int dx = -1; dx <= 1; ++dx) {
         const TileKey neighbour{key.tx + dx, key.ty + dy};
@@ -137,7 +137,7 @@ SurfaceBounds SurfaceBoundsEditor::Update(const MapSnapshot& map) {
       }
     }
   });
-  epoch_ = tiles.epoch();
+  version_ = tiles.version();
   for (const TileKey key : touched) {
     const std::optional<TileBounds> bounds = BoundsOfTile(tiles, key);
     if (!bounds) continue;

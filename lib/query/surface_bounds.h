@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <limits>
 
-#include "lib/map/key_tree.h"
-#include "lib/map/map.h"
-#include "lib/map/region.h"
+#include "lib/map/map_view.h"
+#include "lib/tiles/key_tree.h"
+#include "lib/tiles/region.h"
 
 namespace splinemap {
 
@@ -57,12 +57,13 @@ struct SurfaceBounds {
 // Follows a map. Thread-compatible.
 class SurfaceBoundsEditor {
  public:
-  // Costs what changed since the last call, where that was an earlier snapshot of the same Map.
-  SurfaceBounds Update(const MapSnapshot& map);
+  // Costs what changed since the last call, where that was an earlier view by the same
+  // SummedLayers.
+  SurfaceBounds Update(const MapView& map);
 
  private:
-  uint64_t line_ = 0;  // of the tiles seen last
-  uint64_t epoch_ = 0;
+  uint64_t lineage_ = 0;  // of the tiles seen last
+  uint64_t version_ = 0;
   TileBox box_;
   KeyTreeEditor<TileBounds> tiles_;
 };

@@ -86,8 +86,8 @@ double PixelGrid::CentreX(int column) const {
 double PixelGrid::CentreY(int row) const { return ToNanometre(top_m - (row + 0.5) * pixel_m); }
 double PixelGrid::bottom_m() const { return ToNanometre(top_m - height * pixel_m); }
 
-absl::StatusOr<PixelGrid> FittingGrid(const MapSnapshot& map, double pixels_per_knot) {
-  const KnotBox box = TouchedBox(map.merged);
+absl::StatusOr<PixelGrid> FittingGrid(const MapView& map, double pixels_per_knot) {
+  const KnotBox box = TouchedBox(map.tiles);
   if (box.empty()) return EmptyMap();
   const double knot_m = map.options.knot_interval_m;
   return MakeGrid(std::ceil(box.width() * pixels_per_knot),
@@ -95,14 +95,14 @@ absl::StatusOr<PixelGrid> FittingGrid(const MapSnapshot& map, double pixels_per_
                   (box.max_j + 0.5) * knot_m, knot_m / pixels_per_knot);
 }
 
-double FittingPixelsPerKnot(const MapSnapshot& map, int side) {
-  const KnotBox box = TouchedBox(map.merged);
+double FittingPixelsPerKnot(const MapView& map, int side) {
+  const KnotBox box = TouchedBox(map.tiles);
   if (box.empty()) return 1;
   const double pixels_per_knot = side / std::max(box.width(), box.height());
   return pixels_per_knot < 1 ? pixels_per_knot : std::min(std::round(pixels_per_knot), 8.0);
 }
 
-absl::StatusOr<PixelGrid> GridOfRegion(const MapSnapshot& map, const std::optional<Region>& region,
+absl::StatusOr<PixelGrid> GridOfRegion(const MapView& map, const std::optional<Region>& region,
                                        double resolution_m) {
   const double knot_m = map.options.knot_interval_m;
   if (!(std::isfinite(resolution_m) && resolution_m >= knot_m / kMaxPixelsPerKnot)) {
@@ -114,7 +114,7 @@ absl::StatusOr<PixelGrid> GridOfRegion(const MapSnapshot& map, const std::option
     SPLINEMAP_RETURN_IF_ERROR(CheckRegion(*region, knot_m));
     shown = *region;
   } else {
-    const KnotBox box = TouchedBox(map.merged);
+    const KnotBox box = TouchedBox(map.tiles);
     if (box.empty()) return EmptyMap();
     shown = {(box.min_i - 0.5) * knot_m, (box.min_j - 0.5) * knot_m, (box.max_i + 0.5) * knot_m,
              (box.max_j + 0.5) * knot_m};

@@ -3,8 +3,8 @@
 #include <optional>
 
 #include "absl/status/statusor.h"
-#include "lib/map/map.h"
-#include "lib/map/region.h"
+#include "lib/map/map_view.h"
+#include "lib/tiles/region.h"
 
 namespace splinemap {
 
@@ -24,11 +24,11 @@ struct PixelGrid {
 
 // The smallest grid over the control points that were touched, half a knot interval beyond the
 // outermost. FailedPrecondition for a map without any, InvalidArgument for too many pixels.
-absl::StatusOr<PixelGrid> FittingGrid(const MapSnapshot& map, double pixels_per_knot);
+absl::StatusOr<PixelGrid> FittingGrid(const MapView& map, double pixels_per_knot);
 
 // Pixels per knot interval, 8 at most and a whole number from 1 on, with which the longer side of
 // the picture has about `side` pixels.
-double FittingPixelsPerKnot(const MapSnapshot& map, int side);
+double FittingPixelsPerKnot(const MapView& map, int side);
 
 // The pixels of side `resolution_m` whose centres lie in `region`, by default in the touched part
 // of the map. Centres are whole multiples of the resolution, so that grids of one resolution fit
@@ -36,7 +36,7 @@ double FittingPixelsPerKnot(const MapSnapshot& map, int side);
 // control points. FailedPrecondition for an empty map without a region; InvalidArgument for a
 // region that is not finite, not ordered, beyond kMaxKnotIndex or without a pixel, for a resolution
 // that is no number or under 1/64 knot interval, and for too many pixels.
-absl::StatusOr<PixelGrid> GridOfRegion(const MapSnapshot& map, const std::optional<Region>& region,
+absl::StatusOr<PixelGrid> GridOfRegion(const MapView& map, const std::optional<Region>& region,
                                        double resolution_m);
 
 }  // namespace splinemap

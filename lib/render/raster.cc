@@ -14,7 +14,7 @@ uint8_t KnownPixel(double log_odds) {
   return static_cast<uint8_t>(255 - std::lround(254 * Probability(log_odds)));
 }
 
-Raster RenderMap(const MapSnapshot& map, const PixelGrid& grid) {
+Raster RenderMap(const MapView& map, const PixelGrid& grid) {
   Raster raster;
   raster.grid = grid;
   raster.pixels.reserve(size_t{1} * grid.width * grid.height);

@@ -6,7 +6,7 @@
 
 #include "absl/status/status.h"
 #include "lib/base/file.h"
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 #include "lib/render/pixel_grid.h"
 
 namespace splinemap {
@@ -26,7 +26,7 @@ struct Raster {
 uint8_t KnownPixel(double log_odds);
 
 // Evaluates the spline at the centre of each pixel.
-Raster RenderMap(const MapSnapshot& map, const PixelGrid& grid);
+Raster RenderMap(const MapView& map, const PixelGrid& grid);
 
 // Unknown blue-grey, free white, occupied black.
 absl::Status WritePng(const Raster& raster, NewFile& file);

@@ -4,7 +4,10 @@
 #include <utility>
 
 #include "absl/container/flat_hash_set.h"
-#include "lib/map/validity.h"
+#include "lcmtypes/splinemap/layer_ref_t.hpp"
+#include "lcmtypes/splinemap/node_listing_t.hpp"
+#include "lcmtypes/splinemap/tile_update_t.hpp"
+#include "lib/layers/validity.h"
 
 namespace splinemap {
 namespace {
@@ -19,15 +22,15 @@ constexpr size_t kMaxWanted = 20'000;
 constexpr size_t kMaxAskedAtOnce = 256;  // tiles and nodes that are asked for and not there yet
 constexpr size_t kNodesPerPull = 100;    // so that a pull is one frame
 constexpr int kMaxAsks = 32;             // then it is no more believed to exist
-constexpr int kMaxAsksOfStandIns = 6;    // what the owner had alone is gone with it
+constexpr int kMaxAsksOfProxies = 6;     // what the owner had alone is gone with it
 // Who hears others ask for the same this often without an answer, asks as well.
 constexpr int kMaxPostponed = 10;
-// Who begins again in a lesser life when the owner is gone, because its file is an older copy, is
-// told that there was a later one.
+// Who begins again in a lesser session when the owner is gone, because its file is an older copy,
+// is told that there was a later one.
 constexpr milliseconds kObjection(1000);
-// A life that nobody speaks of any more, and that was never whole, is given up; one that was heard
-// of for less than the probation, sooner.
-constexpr milliseconds kGiveUpLife(10'000);
+// A session that nobody speaks of any more, and that was never whole, is given up; one that was
+// heard of for less than the probation, sooner.
+constexpr milliseconds kGiveUpSession(10'000);
 constexpr milliseconds kProbation(2000);
 constexpr milliseconds kGiveUpOnProbation(3500);
 // Changes that an owner can have pushed since its last digest.
@@ -49,50 +52,50 @@ bool WasOvertaken(const layer_digest_t& digest, const layer_digest_t& last) {
 
 }  // namespace
 
-LayerFollower::LayerFollower(LayerId id, uint64_t seed, Part part)
-    : id_(std::move(id)), part_(part), random_(seed) {}
+LayerFollower::LayerFollower(LayerId id, uint64_t seed, Subset part)
+    : id_(std::move(id)), subset_(part), random_(seed) {}
 
 LayerFollower::LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::time_point now)
     : id_(kept.id), random_(seed), last_heard_(now), last_spoken_for_(now) {
-  BeginTree(kept.epoch);
+  BeginTree(kept.session);
   ReplaceTiles(kept);
   is_established_ = true;
 }
 
-bool LayerFollower::Admit(const layer_epoch_t& layer) {
-  const LayerLife life = FromMessage(layer);
-  if (life.id != id_) return false;
-  if (epoch_ && life.epoch < *epoch_) {
+bool LayerFollower::Admit(const layer_ref_t& layer) {
+  const LayerRef ref = FromMessage(layer);
+  if (ref.id != id_) return false;
+  if (session_ && ref.session < *session_) {
     ++counts_.stale;
     return false;
   }
-  return epoch_ && life.epoch == *epoch_ && life.detail == part_.detail;
+  return session_ && ref.session == *session_ && ref.level_of_detail == subset_.level_of_detail;
 }
 
-void LayerFollower::BeginLife(LayerEpoch epoch, Clock::time_point now) {
-  // What is shown stays: the last life that was whole, or the first that was heard.
-  if (epoch_ && !previous_) {
+void LayerFollower::StartSession(SessionId session, Clock::time_point now) {
+  // What is shown stays: the last session that was whole, or the first that was heard.
+  if (session_ && !previous_) {
     previous_ = OwnSnapshot();
     previous_index_ = std::exchange(index_, {});
   }
-  BeginTree(epoch);
-  life_since_ = now;
+  BeginTree(session);
+  session_since_ = now;
 }
 
-void LayerFollower::BeginTree(std::optional<LayerEpoch> epoch) {
+void LayerFollower::BeginTree(std::optional<SessionId> session) {
   ++version_;
-  epoch_ = epoch;
+  session_ = session;
   is_established_ = false;
   lesser_was_heard_ = false;
   digest_.reset();
   owners_digest_.reset();
-  stand_in_digest_.reset();
+  proxy_digest_.reset();
   tiles_ = TileTreeEditor();
   index_ = {};
   at_digest_ = {};
   revision_ = 0;
   newest_revision_ = 0;
-  wanted_.clear();
+  pending_.clear();
   check_.reset();
   checked_hash_.reset();
   checked_nodes_.clear();
@@ -100,8 +103,8 @@ void LayerFollower::BeginTree(std::optional<LayerEpoch> epoch) {
   unlisted_before_.clear();
   disowned_.clear();
   next_renewal_.reset();
-  is_equal_ = false;
-  in_sync_ = false;
+  matches_digest_ = false;
+  caught_up_ = false;
 }
 
 void LayerFollower::ReplaceTiles(const LayerSnapshot& layer) {
@@ -124,17 +127,17 @@ void LayerFollower::FindNewestRevision() {
   });
 }
 
-void LayerFollower::HearLife(Clock::time_point now) {
+void LayerFollower::HearSession(Clock::time_point now) {
   last_spoken_for_ = now;
-  is_established_ |= now - life_since_ >= kProbation;
+  is_established_ |= now - session_since_ >= kProbation;
 }
 
-// What is shown is what there is, where the owner and all others are gone before a life was whole,
-// or where one was hardly heard of.
-void LayerFollower::LookAtLife(Clock::time_point now) {
+// What is shown is what there is, where the owner and all others are gone before a session was
+// whole, or where one was hardly heard of.
+void LayerFollower::CheckSession(Clock::time_point now) {
   const Clock::duration silence = now - last_spoken_for_;
-  const bool is_over = previous_ && silence > kGiveUpLife;
-  const bool is_mistaken = epoch_ && !is_established_ && silence > kGiveUpOnProbation &&
+  const bool is_over = previous_ && silence > kGiveUpSession;
+  const bool is_mistaken = session_ && !is_established_ && silence > kGiveUpOnProbation &&
                            (previous_ || lesser_was_heard_);
   if (!is_over && !is_mistaken) return;
   const std::optional<LayerSnapshot> shown = std::exchange(previous_, std::nullopt);
@@ -143,29 +146,37 @@ void LayerFollower::LookAtLife(Clock::time_point now) {
     BeginTree(std::nullopt);
     return;
   }
-  BeginTree(shown->epoch);
+  BeginTree(shown->session);
   ReplaceTiles(*shown);
   is_established_ = true;
 }
 
-void LayerFollower::ForgetPreviousLife() {
+void LayerFollower::ForgetPreviousSession() {
   if (previous_) ++version_;
   previous_.reset();
   previous_index_ = {};
 }
 
-void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point now) {
+void LayerFollower::HandleDigest(const layer_digest_t& digest, Clock::time_point now) {
   if (digest.protocol_version != kProtocolVersion) {
     ++counts_.foreign;
     return;
   }
-  const LayerLife life = FromMessage(digest.layer);
-  if (life.id != id_) return;
-  if (!epoch_ || life.epoch > *epoch_) BeginLife(life.epoch, now);
-  if (life.epoch == *epoch_) {
+  if (FromMessage(digest.layer).id != id_) return;
+  if (IsOwners(digest)) {
+    HandleOwnersDigest(digest, now);
+  } else {
+    HandleProxyDigest(digest, now);
+  }
+}
+
+void LayerFollower::HandleOwnersDigest(const layer_digest_t& digest, Clock::time_point now) {
+  const LayerRef ref = FromMessage(digest.layer);
+  if (!session_ || ref.session > *session_) StartSession(ref.session, now);
+  if (ref.session == *session_) {
     last_heard_ = now;
     owner_is_silent_ = false;
-    HearLife(now);
+    HearSession(now);
     next_objection_.reset();
   } else if (!is_established_) {
     lesser_was_heard_ = true;
@@ -179,32 +190,26 @@ void LayerFollower::TakeDigest(const layer_digest_t& digest, Clock::time_point n
       return;
     }
     GiveUpCheck();  // with what was no digest of the owner
-    wanted_.clear();
+    pending_.clear();
   }
   owners_digest_ = digest;
   owners_digest_heard_ = now;
   CompareWith(digest, /*is_owners=*/true, now);
 }
 
-void LayerFollower::TakeStandInDigest(const stand_in_digest_t& stand_in, Clock::time_point now) {
-  const layer_digest_t& digest = stand_in.digest;
-  if (digest.protocol_version != kProtocolVersion) {
-    ++counts_.foreign;
-    return;
-  }
-  const LayerLife life = FromMessage(digest.layer);
-  if (life.id != id_) return;
-  if (epoch_ && life.epoch == *epoch_ && !OwnerIsSilent(now)) return;
-  if (!epoch_ || life.epoch > *epoch_) BeginLife(life.epoch, now);
-  if (life.epoch == *epoch_) HearLife(now);
+void LayerFollower::HandleProxyDigest(const layer_digest_t& digest, Clock::time_point now) {
+  const LayerRef ref = FromMessage(digest.layer);
+  if (session_ && ref.session == *session_ && !OwnerIsSilent(now)) return;
+  if (!session_ || ref.session > *session_) StartSession(ref.session, now);
+  if (ref.session == *session_) HearSession(now);
   if (!Admit(digest.layer)) return;
-  const auto& last = stand_in_digest_;
-  if (last && last->daemon_nonce == stand_in.daemon_nonce && digest.utime <= last->digest.utime &&
-      digest.utime > last->digest.utime - kMaxLate_us) {
+  const auto& last = proxy_digest_;
+  if (last && last->speaker == digest.speaker && digest.utime <= last->utime &&
+      digest.utime > last->utime - kMaxLate_us) {
     ++counts_.stale;
     return;
   }
-  stand_in_digest_ = stand_in;
+  proxy_digest_ = digest;
   CompareWith(digest, /*is_owners=*/false, now);
 }
 
@@ -212,11 +217,11 @@ void LayerFollower::CompareWith(const layer_digest_t& digest, bool is_owners,
                                 Clock::time_point now) {
   digest_ = digest;
   at_digest_ = tiles_.Freeze();
-  if (!part_.box) in_sync_ = false;  // what changed beside a part says nothing of it
-  LookForMatch(now);
+  if (!subset_.box) caught_up_ = false;  // what changed beside a part says nothing of it
+  UpdateSync(now);
   // While something is asked for, it comes first: to list everything anew each time would take the
   // owner's bytes from the tiles.
-  if (Matches() || !wanted_.empty()) return;
+  if (Matches() || !pending_.empty()) return;
   check_ = Check{digest, now, is_owners};
   BeginCheck(now);
 }
@@ -243,49 +248,50 @@ void LayerFollower::BeginCheck(Clock::time_point now) {
 bool LayerFollower::Matches() const {
   if (!digest_) return false;
   const auto hash = static_cast<uint64_t>(digest_->hash);
-  if (part_.box) return in_sync_ && checked_hash_ == hash;
+  if (subset_.box) return caught_up_ && checked_hash_ == hash;
   return hash == index_.hash() && digest_->num_tiles == static_cast<int64_t>(index_.num_tiles());
 }
 
-void LayerFollower::LookForMatch(Clock::time_point now) {
-  is_equal_ = Matches();
+void LayerFollower::UpdateSync(Clock::time_point now) {
+  matches_digest_ = Matches();
   std::optional<Check> done;
-  if (is_equal_) {
+  if (matches_digest_) {
     done = Check{*digest_, now};
     unlisted_.clear();
-  } else if (check_ && wanted_.empty()) {
+  } else if (check_ && pending_.empty()) {
     done = check_;
-    is_equal_ = part_.box && unlisted_.empty() && done->digest.hash == digest_->hash;
+    matches_digest_ = subset_.box && unlisted_.empty() && done->digest.hash == digest_->hash;
   }
-  if (previous_ && !is_established_) is_equal_ = false;  // it is not what is shown
+  if (previous_ && !is_established_) matches_digest_ = false;  // it is not what is shown
   if (!done || (previous_ && !is_established_)) return;
   check_.reset();
-  wanted_.clear();
-  in_sync_ = true;
+  pending_.clear();
+  caught_up_ = true;
   last_match_ = done->begin;
   lag_s_ = done->digest.lag_s;
   if (done->is_undisturbed && unlisted_.empty())
     checked_hash_ = static_cast<uint64_t>(done->digest.hash);
   revision_ = static_cast<uint64_t>(done->digest.revision);
   newest_revision_ = std::max(newest_revision_, revision_);
-  if (is_equal_) {
-    whole_ = OwnSnapshot();
-    whole_hash_ = static_cast<uint64_t>(digest_->hash);
+  if (matches_digest_) {
+    synced_ = OwnSnapshot();
+    synced_hash_ = static_cast<uint64_t>(digest_->hash);
   }
-  ForgetPreviousLife();
+  ForgetPreviousSession();
 }
 
 // What came after the last digest of an owner that is gone, nobody can vouch for; where the copy
 // was never equal to it, what others have as well may still make it so.
 void LayerFollower::DropWhatCameLast() {
-  if (!owners_digest_ || !whole_ || part_.box || previous_ || whole_->epoch != epoch_ ||
-      whole_hash_ != static_cast<uint64_t>(owners_digest_->hash) || index_.hash() == whole_hash_) {
+  if (!owners_digest_ || !synced_ || subset_.box || previous_ || synced_->session != session_ ||
+      synced_hash_ != static_cast<uint64_t>(owners_digest_->hash) ||
+      index_.hash() == synced_hash_) {
     return;
   }
-  ReplaceTiles(*whole_);
+  ReplaceTiles(*synced_);
 }
 
-void LayerFollower::TakeUpdates(const layer_updates_t& updates) {
+void LayerFollower::HandleUpdates(const layer_updates_t& updates) {
   if (!Admit(updates.layer) || !digest_) return;
   for (const tile_update_t& update : updates.tiles) Apply(update);
 }
@@ -297,7 +303,7 @@ void LayerFollower::Apply(const tile_update_t& message) {
                           static_cast<uint64_t>(message.checksum),
                           static_cast<uint64_t>(message.base_checksum)};
   const TileKey key = update.key;
-  if (part_.box && !part_.box->Contains(key)) return;
+  if (subset_.box && !subset_.box->Contains(key)) return;
   const ControlLimits limits{static_cast<ControlPoint>(digest_->min_control_point),
                              static_cast<ControlPoint>(digest_->max_control_point)};
   if (!IsInRange(key) || update.revision == 0 ||
@@ -305,8 +311,8 @@ void LayerFollower::Apply(const tile_update_t& message) {
     ++counts_.unusable;
     return;
   }
-  // Who stands in answers, and does not push.
-  if (owner_is_silent_ && !wanted_.contains({0, key.tx, key.ty})) return;
+  // Who is a proxy answers, and does not push.
+  if (owner_is_silent_ && !pending_.contains({0, key.tx, key.ty})) return;
   const Tile* known = tiles_.tree().Find(key);
   const auto disowned = disowned_.find(key);
   const uint64_t least = disowned != disowned_.end() ? disowned->second
@@ -349,42 +355,42 @@ void LayerFollower::Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t
   index_.Set(key, checksum);
   newest_revision_ = std::max(newest_revision_, revision);
   ++version_;
-  const auto wanted = wanted_.find({0, key.tx, key.ty});
-  if (wanted != wanted_.end() && wanted->second.revision <= revision) wanted_.erase(wanted);
-  if (!part_.box) return;
+  const auto wanted = pending_.find({0, key.tx, key.ty});
+  if (wanted != pending_.end() && wanted->second.revision <= revision) pending_.erase(wanted);
+  if (!subset_.box) return;
   checked_hash_.reset();
   if (check_) check_->is_undisturbed = false;
   NodeKey node{0, key.tx, key.ty};
-  while (node.level < HashIndex::kMaxLevel) checked_nodes_.erase(node = node.Parent());
+  while (node.level < HashTree::kMaxLevel) checked_nodes_.erase(node = node.Parent());
 }
 
-void LayerFollower::TakeListing(const layer_listing_t& listing, Clock::time_point now) {
-  if (!Admit(listing.layer) || (in_sync_ && !check_)) return;
+void LayerFollower::HandleListing(const layer_listing_t& listing, Clock::time_point now) {
+  if (!Admit(listing.layer) || (caught_up_ && !check_)) return;
   if (check_ && listing.state < check_->digest.state) return;  // of before the digest
-  for (const node_listing_t& node : listing.nodes) TakeNode(node, now);
+  for (const node_listing_t& node : listing.nodes) HandleNode(node, now);
 }
 
-void LayerFollower::TakeNode(const node_listing_t& listing, Clock::time_point now) {
+void LayerFollower::HandleNode(const node_listing_t& listing, Clock::time_point now) {
   const NodeKey node{listing.level, listing.x, listing.y};
   if (node.level < 1 || !node.IsValid()) return;
   // Others ask, too; to take up what they are told would leave no moment in which nothing is
   // wanted.
-  if (wanted_.erase(node) == 0) return;
+  if (pending_.erase(node) == 0) return;
   bool is_equal = true;
   uint64_t hash = 0;
   for (int n = 0; n < listing.num_children; ++n) {
     const auto child_hash = static_cast<uint64_t>(listing.hashes[n]);
     hash += child_hash;
-    is_equal &= TakeChild(node.Child(listing.children[n] & 63), child_hash,
-                          static_cast<uint64_t>(listing.revisions[n]), now);
+    is_equal &= HandleChild(node.Child(listing.children[n] & 63), child_hash,
+                            static_cast<uint64_t>(listing.revisions[n]), now);
   }
-  if (check_ && check_->is_owners) is_equal &= !TakeUnlisted(node, listing);
-  if (is_equal && !IsWhole(node)) checked_nodes_[node] = hash;
+  if (check_ && check_->is_owners) is_equal &= !DropUnlisted(node, listing);
+  if (is_equal && !Covers(node)) checked_nodes_[node] = hash;
 }
 
-bool LayerFollower::TakeUnlisted(const NodeKey& node, const node_listing_t& listing) {
+bool LayerFollower::DropUnlisted(const NodeKey& node, const node_listing_t& listing) {
   std::vector<TileKey> unlisted;
-  for (const HashIndex::Child& child : index_.ChildrenOf(node)) {
+  for (const HashTree::Child& child : index_.ChildrenOf(node)) {
     const auto is_child = [&](uint8_t k) { return (k & 63) == child.k; };
     if (child.hash == 0 ||
         std::any_of(listing.children.begin(), listing.children.end(), is_child)) {
@@ -400,7 +406,7 @@ void LayerFollower::FindTiles(const NodeKey& node, std::vector<TileKey>& keys) c
     keys.push_back({node.x, node.y});
     return;
   }
-  for (const HashIndex::Child& child : index_.ChildrenOf(node)) {
+  for (const HashTree::Child& child : index_.ChildrenOf(node)) {
     FindTiles(node.Child(child.k), keys);
   }
 }
@@ -417,7 +423,7 @@ bool LayerFollower::DropDisowned(const std::vector<TileKey>& unlisted) {
     if (!dropped.contains(key)) rest.Put(key, entry.tile, entry.revision);
   });
   counts_.disowned += std::ssize(dropped);
-  ReplaceTiles({id_, *epoch_, revision_, rest.Freeze()});
+  ReplaceTiles({id_, *session_, revision_, rest.Freeze()});
   return true;
 }
 
@@ -428,14 +434,14 @@ bool LayerFollower::IsDisowned(TileKey key, uint64_t revision) {
   return before != unlisted_before_.end() && before->second == revision;
 }
 
-bool LayerFollower::TakeChild(const NodeKey& child, uint64_t hash, uint64_t revision,
-                              Clock::time_point now) {
+bool LayerFollower::HandleChild(const NodeKey& child, uint64_t hash, uint64_t revision,
+                                Clock::time_point now) {
   if (IsOutside(child)) return true;
   const auto checked = checked_nodes_.find(child);
-  const bool is_equal = IsWhole(child) ? index_.HashOf(child) == hash
-                                       : checked != checked_nodes_.end() && checked->second == hash;
+  const bool is_equal = Covers(child) ? index_.HashOf(child) == hash
+                                      : checked != checked_nodes_.end() && checked->second == hash;
   if (is_equal) {
-    wanted_.erase(child);
+    pending_.erase(child);
     return true;
   }
   if (child.level > 0) {
@@ -449,7 +455,7 @@ bool LayerFollower::TakeChild(const NodeKey& child, uint64_t hash, uint64_t revi
     if (known > revision && !IsDisowned(key, known)) return false;
     disowned_[key] = revision;
   }
-  in_sync_ = false;
+  caught_up_ = false;
   if (IsFull() && tiles_.tree().Find(key) == nullptr) {
     GiveUpCheck();
     return false;
@@ -465,71 +471,72 @@ bool LayerFollower::TakeChild(const NodeKey& child, uint64_t hash, uint64_t revi
 }
 
 // Nodes are squares of 8^level tiles, so their sides fit into 64 bits.
-bool LayerFollower::IsWhole(const NodeKey& node) const {
-  if (!part_.box) return true;
+bool LayerFollower::Covers(const NodeKey& node) const {
+  if (!subset_.box) return true;
   const int64_t side = int64_t{1} << (3 * node.level);
-  const TileBox& box = *part_.box;
+  const TileBox& box = *subset_.box;
   return node.x * side >= box.tx0 && (node.x + 1) * side <= box.tx1 && node.y * side >= box.ty0 &&
          (node.y + 1) * side <= box.ty1;
 }
 
 bool LayerFollower::IsOutside(const NodeKey& node) const {
-  if (!part_.box) return false;
+  if (!subset_.box) return false;
   const int64_t side = int64_t{1} << (3 * node.level);
-  const TileBox& box = *part_.box;
+  const TileBox& box = *subset_.box;
   return (node.x + 1) * side <= box.tx0 || node.x * side >= box.tx1 ||
          (node.y + 1) * side <= box.ty0 || node.y * side >= box.ty1;
 }
 
-void LayerFollower::TakePull(const layer_pull_t& pull, Clock::time_point now) {
-  const LayerLife life = FromMessage(pull.layer);
-  if (life.id != id_ || life.epoch != epoch_ || life.detail != part_.detail) return;
+void LayerFollower::HandlePull(const layer_pull_t& pull, Clock::time_point now) {
+  const LayerRef ref = FromMessage(pull.layer);
+  if (ref.id != id_ || ref.session != session_ || ref.level_of_detail != subset_.level_of_detail)
+    return;
   if (next_renewal_) next_renewal_ = now + kRenewal + random_.UpTo(kRenewal);
   next_objection_.reset();  // this pull is one
   for (int n = 0; n < pull.num_nodes; ++n) {
-    const auto wanted = wanted_.find({pull.levels[n], pull.xs[n], pull.ys[n]});
-    if (wanted == wanted_.end()) continue;
+    const auto wanted = pending_.find({pull.levels[n], pull.xs[n], pull.ys[n]});
+    if (wanted == pending_.end()) continue;
     if (++wanted->second.times_postponed > kMaxPostponed) continue;
     wanted->second.due = std::max(wanted->second.due, now + kRetry + random_.UpTo(kMaxBackOff));
   }
 }
 
 void LayerFollower::Want(const NodeKey& node, uint64_t revision, Clock::time_point now) {
-  if (wanted_.size() >= kMaxWanted) {
+  if (pending_.size() >= kMaxWanted) {
     GiveUpCheck();  // what is left out now, a later digest finds
     return;
   }
-  Wanted wanted;
+  PendingPull wanted;
   wanted.due = now + random_.UpTo(kMaxBackOff);
-  const auto [known, is_new] = wanted_.try_emplace(node, wanted);
+  const auto [known, is_new] = pending_.try_emplace(node, wanted);
   known->second.revision = std::max(known->second.revision, revision);
 }
 
 void LayerFollower::GiveUpCheck() {
   check_.reset();
-  in_sync_ = false;
+  caught_up_ = false;
 }
 
 std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
   std::vector<layer_pull_t> pulls;
-  LookAtLife(now);
-  if (!epoch_) return pulls;
+  CheckSession(now);
+  if (!session_) return pulls;
   if (!std::exchange(owner_is_silent_, OwnerIsSilent(now)) && owner_is_silent_) DropWhatCameLast();
-  if (!in_sync_ || check_) LookForMatch(now);
-  const int max_asks = OwnerIsSilent(now) ? kMaxAsksOfStandIns : kMaxAsks;
-  const size_t given_up = absl::erase_if(wanted_, [&](const auto& wanted) {
+  if (!caught_up_ || check_) UpdateSync(now);
+  const int max_asks = OwnerIsSilent(now) ? kMaxAsksOfProxies : kMaxAsks;
+  const size_t given_up = absl::erase_if(pending_, [&](const auto& wanted) {
     return wanted.second.times_asked >= max_asks && wanted.second.due <= now;
   });
   if (given_up > 0) GiveUpCheck();
   size_t asked = 0;
-  for (const auto& [node, wanted] : wanted_) {
+  for (const auto& [node, wanted] : pending_) {
     asked += wanted.times_asked > 0 && wanted.due > now ? 1 : 0;
   }
-  for (auto& [node, wanted] : wanted_) {
+  for (auto& [node, wanted] : pending_) {
     if (asked >= kMaxAskedAtOnce) break;
     if (wanted.due > now) continue;
     if (pulls.empty() || pulls.back().levels.size() >= kNodesPerPull) {
-      pulls.emplace_back().layer = ToMessage(LayerLife{id_, *epoch_, part_.detail});
+      pulls.emplace_back().layer = ToMessage(LayerRef{id_, *session_, subset_.level_of_detail});
     }
     pulls.back().levels.push_back(node.level);
     pulls.back().xs.push_back(node.x);
@@ -540,27 +547,36 @@ std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
     wanted.due = now + kRetry + random_.UpTo(kRetry);
     ++wanted.times_asked;
   }
-  const auto name_life = [&] {
+  const auto name_session = [&] {
     if (pulls.empty())
-      pulls.emplace_back().layer = ToMessage(LayerLife{id_, *epoch_, part_.detail});
+      pulls.emplace_back().layer = ToMessage(LayerRef{id_, *session_, subset_.level_of_detail});
   };
   if (next_objection_ && *next_objection_ <= now) {
     next_objection_.reset();
-    name_life();
+    name_session();
   }
-  if (part_.detail.level > 0 && epoch_ &&
+  if (subset_.level_of_detail.level > 0 && session_ &&
       (!next_renewal_ || *next_renewal_ <= now || !pulls.empty())) {
     next_renewal_ = now + kRenewal + random_.UpTo(kRenewal);
-    name_life();
+    name_session();
   }
   for (layer_pull_t& pull : pulls) pull.num_nodes = static_cast<int32_t>(pull.levels.size());
   return pulls;
 }
 
+Clock::time_point LayerFollower::NextTick(Clock::time_point now) const {
+  constexpr milliseconds kWorking(10);
+  constexpr milliseconds kIdle(500);  // what depends on silence is not urgent
+  if (!pending_.empty()) return now + kWorking;
+  Clock::time_point next = now + kIdle;
+  if (next_objection_) next = std::min(next, *next_objection_);
+  return subset_.level_of_detail.level > 0 && next_renewal_ ? std::min(next, *next_renewal_) : next;
+}
+
 LayerSnapshot LayerFollower::Snapshot() { return previous_ ? *previous_ : OwnSnapshot(); }
 
 LayerSnapshot LayerFollower::OwnSnapshot() {
-  return {id_, epoch(), newest_revision_, tiles_.Freeze()};
+  return {id_, session(), newest_revision_, tiles_.Freeze()};
 }
 
 }  // namespace splinemap

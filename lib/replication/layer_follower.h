@@ -9,15 +9,18 @@
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_ref_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
-#include "lcmtypes/splinemap/stand_in_digest_t.hpp"
-#include "lib/map/detail.h"
-#include "lib/map/layer.h"
-#include "lib/map/region.h"
-#include "lib/map/tile_update.h"
-#include "lib/replication/hash_index.h"
+#include "lcmtypes/splinemap/node_listing_t.hpp"
+#include "lcmtypes/splinemap/tile_update_t.hpp"
+#include "lib/layers/layer.h"
+#include "lib/replication/follow_options.h"
+#include "lib/replication/hash_tree.h"
 #include "lib/replication/protocol.h"
-#include "lib/replication/random_pause.h"
+#include "lib/replication/random_backoff.h"
+#include "lib/tiles/level_of_detail.h"
+#include "lib/tiles/region.h"
+#include "lib/tiles/tile_codec.h"
 
 namespace splinemap {
 
@@ -27,23 +30,23 @@ namespace splinemap {
 // part, and only then, every new digest makes it ask for hashes down to the part.
 //
 // Anybody can write messages in the owner's name, so what a single one says is not believed for
-// long: a new life of the owner replaces the one before after two seconds of digests; a tile that
-// the owner does not list in two checks is dropped, or fetched anew; and what came after the last
-// digest of an owner that fell silent is dropped where the copy was equal at that digest. Without
-// clocks, threads or sockets of its own. Thread-compatible.
+// long: a new session of the owner replaces the one before after two seconds of digests; a tile
+// that the owner does not list in two checks is dropped, or fetched anew; and what came after the
+// last digest of an owner that fell silent is dropped where the copy was equal at that digest.
+// Without clocks, threads or sockets of its own. Thread-compatible.
 class LayerFollower {
  public:
   // An owner that has said nothing for so long is gone.
-  static constexpr std::chrono::milliseconds kMaxSilence{3000};
+  static constexpr std::chrono::milliseconds kOwnerTimeout{3000};
 
-  struct Part {
-    Detail detail;
+  struct Subset {
+    LevelOfDetail level_of_detail;
     std::optional<TileBox> box;  // of that level; none: all tiles
   };
 
   // `seed` spreads the times at which followers ask.
-  LayerFollower(LayerId id, uint64_t seed) : LayerFollower(std::move(id), seed, Part()) {}
-  LayerFollower(LayerId id, uint64_t seed, Part part);
+  LayerFollower(LayerId id, uint64_t seed) : LayerFollower(std::move(id), seed, Subset()) {}
+  LayerFollower(LayerId id, uint64_t seed, Subset part);
   // Begins with a copy that was kept, of all tiles, and `now` as if the owner had just been heard.
   LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::time_point now);
 
@@ -52,132 +55,126 @@ class LayerFollower {
 
   // Messages of other layers and other levels are ignored, but for digests of the layer as it was
   // mapped: a follower of a coarser level learns from them whom to ask.
-  void TakeDigest(const layer_digest_t& digest, Clock::time_point now);
-  // Ignored as long as the owner itself speaks.
-  void TakeStandInDigest(const stand_in_digest_t& stand_in, Clock::time_point now);
-  void TakeUpdates(const layer_updates_t& updates);
-  void TakeListing(const layer_listing_t& listing, Clock::time_point now);
+  // Those of proxies are ignored as long as the owner itself speaks.
+  void HandleDigest(const layer_digest_t& digest, Clock::time_point now);
+  void HandleUpdates(const layer_updates_t& updates);
+  void HandleListing(const layer_listing_t& listing, Clock::time_point now);
   // Another follower asks: the answer will come here, too.
-  void TakePull(const layer_pull_t& pull, Clock::time_point now);
+  void HandlePull(const layer_pull_t& pull, Clock::time_point now);
 
   // What is to be asked now. Call it some times a second.
   std::vector<layer_pull_t> Tick(Clock::time_point now);
+  // When that will have something to do, if nothing comes before.
+  Clock::time_point NextTick(Clock::time_point now) const;
 
-  // The copy. Of a new life of the owner it is shown from the first moment in which it is whole and
-  // was spoken of for two seconds; until then, what the life before left.
+  // The copy. Of a new session of the owner it is shown from the first moment in which it is whole
+  // and was spoken of for two seconds; until then, what the session before left.
   LayerSnapshot Snapshot();
   // Counts on when that changes.
   uint64_t version() const { return version_; }
-  // Whether that is of a life before.
-  bool ShowsPreviousLife() const { return previous_.has_value(); }
-  void ForgetPreviousLife();
+  // Whether that is of a session before.
+  bool ShowsPreviousSession() const { return previous_.has_value(); }
+  void ForgetPreviousSession();
 
   // The copy when a digest matched for the last time; nothing where none has. Of a part: when all
   // of it was found to match.
-  const std::optional<LayerSnapshot>& whole() const { return whole_; }
+  const std::optional<LayerSnapshot>& synced() const { return synced_; }
 
-  LayerEpoch epoch() const { return epoch_.value_or(LayerEpoch{}); }
+  SessionId session() const { return session_.value_or(SessionId{}); }
   uint64_t revision() const { return revision_; }  // of the digest with which it was in sync, or 0
   size_t num_tiles() const { return index_.num_tiles(); }
   uint64_t hash() const { return index_.hash(); }  // as in digests
 
   // Whether the last digest matched: the copy is a state that the owner was in, with later changes
   // beside it at most.
-  bool is_equal() const { return is_equal_; }
+  bool matches_digest() const { return matches_digest_; }
 
   // Whether all that a digest told of is there, and no later digest has shown that something is
   // missing: it matched, or what differed was compared with the owner's and is the owner's or
   // newer. When the last such digest came, and how long the owner's oldest change had waited to be
   // published then.
-  bool in_sync() const { return in_sync_; }
+  bool caught_up() const { return caught_up_; }
   double lag_s() const { return lag_s_; }
   std::optional<Clock::time_point> last_match() const { return last_match_; }
 
-  // Its owner in the present life; or that or a stand-in for it.
+  // Its owner in the present session; or that or a proxy for it.
   Clock::time_point last_heard() const { return last_heard_; }
   Clock::time_point last_spoken_for() const { return last_spoken_for_; }
   // Whether nothing of it would be missed: it was never heard, or has no tiles.
   bool IsEmpty() const { return tiles_.tree().size() == 0 && !previous_; }
   bool OwnerWasHeard() const { return owners_digest_.has_value(); }
-  bool OwnerIsSilent(Clock::time_point now) const { return now - last_heard_ > kMaxSilence; }
+  bool OwnerIsSilent(Clock::time_point now) const { return now - last_heard_ > kOwnerTimeout; }
 
-  struct Counts {
-    int64_t applied = 0;
-    int64_t stale = 0;     // doubled, late, or of an older life
-    int64_t unusable = 0;  // differences to what is not there, damaged ones, values that cannot be
-    int64_t disowned = 0;  // tiles that its owner did not list, dropped or fetched anew
-    int64_t foreign = 0;   // of another version of the protocol
-    int64_t asked_tiles = 0;  // losses, and what a late joiner lacks
-    int64_t asked_nodes = 0;
-  };
-  const Counts& counts() const { return counts_; }
+  const FollowCounts& counts() const { return counts_; }
 
  private:
-  struct Wanted {
+  struct PendingPull {
     Clock::time_point due;
     uint64_t revision = 0;  // of a tile: that one or a newer
     int times_asked = 0;
     int times_postponed = 0;
   };
 
-  // False where the message is none of this layer's present life. Lives begin with a digest.
-  bool Admit(const layer_epoch_t& layer);
-  void BeginLife(LayerEpoch epoch, Clock::time_point now);
-  void BeginTree(std::optional<LayerEpoch> epoch);
+  void HandleOwnersDigest(const layer_digest_t& digest, Clock::time_point now);
+  void HandleProxyDigest(const layer_digest_t& digest, Clock::time_point now);
+  // False where the message is none of this layer's present session. Sessions begin with a digest.
+  bool Admit(const layer_ref_t& layer);
+  void StartSession(SessionId session, Clock::time_point now);
+  void BeginTree(std::optional<SessionId> session);
   void ReplaceTiles(const LayerSnapshot& layer);
   void FindNewestRevision();
-  void HearLife(Clock::time_point now);
-  void LookAtLife(Clock::time_point now);
+  void HearSession(Clock::time_point now);
+  void CheckSession(Clock::time_point now);
   void DropWhatCameLast();
   void CompareWith(const layer_digest_t& digest, bool is_owners, Clock::time_point now);
   void Apply(const tile_update_t& message);
   const Tile* FindBase(const TileUpdate& update) const;
   bool IsFull() const { return tiles_.tree().size() >= max_tiles_; }
   void Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision, uint64_t checksum);
-  void TakeNode(const node_listing_t& listing, Clock::time_point now);
+  void HandleNode(const node_listing_t& listing, Clock::time_point now);
   void Want(const NodeKey& node, uint64_t revision, Clock::time_point now);
   void GiveUpCheck();
   // Whether what is there is equal; if not, it is asked for.
-  bool TakeChild(const NodeKey& child, uint64_t hash, uint64_t revision, Clock::time_point now);
+  bool HandleChild(const NodeKey& child, uint64_t hash, uint64_t revision, Clock::time_point now);
   // What is there and not on the owner's list. False where that is nothing.
-  bool TakeUnlisted(const NodeKey& node, const node_listing_t& listing);
+  bool DropUnlisted(const NodeKey& node, const node_listing_t& listing);
   void FindTiles(const NodeKey& node, std::vector<TileKey>& keys) const;
   bool DropDisowned(const std::vector<TileKey>& unlisted);
   bool IsDisowned(TileKey key, uint64_t revision);
-  bool IsWhole(const NodeKey& node) const;    // all of it is in the part
+  bool Covers(const NodeKey& node) const;     // all of it is in the part
   bool IsOutside(const NodeKey& node) const;  // nothing of it is
   void BeginCheck(Clock::time_point now);
   bool Matches() const;
-  void LookForMatch(Clock::time_point now);
+  void UpdateSync(Clock::time_point now);
   LayerSnapshot OwnSnapshot();
 
   const LayerId id_;
-  const Part part_;
-  RandomPause random_;
+  const Subset subset_;
+  RandomBackoff random_;
   size_t max_tiles_ = size_t{1} << 20;  // 2 GiB
 
-  std::optional<LayerEpoch> epoch_;
-  Clock::time_point life_since_;          // when it was first heard of
+  std::optional<SessionId> session_;
+  Clock::time_point session_since_;       // when it was first heard of
   bool is_established_ = false;           // it was heard of for kProbation
-  bool lesser_was_heard_ = false;         // an owner in a lesser life, while it was not
+  bool lesser_was_heard_ = false;         // an owner in a lesser session, while it was not
   bool owner_is_silent_ = false;          // as of the last Tick()
-  std::optional<layer_digest_t> digest_;  // the last of this life
+  std::optional<layer_digest_t> digest_;  // the last of this session
   std::optional<layer_digest_t> owners_digest_;
   Clock::time_point owners_digest_heard_;
-  std::optional<stand_in_digest_t> stand_in_digest_;
+  std::optional<layer_digest_t> proxy_digest_;
   TileTreeEditor tiles_;
-  HashIndex index_;     // of tiles_
+  HashTree index_;      // of tiles_
   TileTree at_digest_;  // tiles_ when the last digest came
   uint64_t revision_ = 0;
   uint64_t newest_revision_ = 0;  // of any tile
-  std::optional<LayerSnapshot> whole_;
-  uint64_t whole_hash_ = 0;
+  std::optional<LayerSnapshot> synced_;
+  uint64_t synced_hash_ = 0;
 
-  // What the life before left: shown until this one is whole, and a source of equal tiles.
+  // What the session before left: shown until this one is whole, and a source of equal tiles.
   std::optional<LayerSnapshot> previous_;
-  HashIndex previous_index_;
+  HashTree previous_index_;
 
-  absl::flat_hash_map<NodeKey, Wanted> wanted_;
+  absl::flat_hash_map<NodeKey, PendingPull> pending_;
   // The digest whose hashes are being compared, until nothing of it is wanted any more.
   struct Check {
     layer_digest_t digest;
@@ -197,15 +194,15 @@ class LayerFollower {
   std::optional<uint64_t> checked_hash_;
   absl::flat_hash_map<NodeKey, uint64_t> checked_nodes_;
   std::optional<Clock::time_point> next_renewal_;
-  Clock::time_point last_heard_;                     // an owner's digest of this life
-  Clock::time_point last_spoken_for_;                // a digest of this life
-  std::optional<Clock::time_point> next_objection_;  // to a lesser life
+  Clock::time_point last_heard_;                     // an owner's digest of this session
+  Clock::time_point last_spoken_for_;                // a digest of this session
+  std::optional<Clock::time_point> next_objection_;  // to a lesser session
   uint64_t version_ = 0;
-  bool is_equal_ = false;
-  bool in_sync_ = false;
+  bool matches_digest_ = false;
+  bool caught_up_ = false;
   double lag_s_ = 0;  // at last_match_
   std::optional<Clock::time_point> last_match_;
-  Counts counts_;
+  FollowCounts counts_;
 };
 
 }  // namespace splinemap

@@ -3,6 +3,12 @@
 #include <algorithm>
 #include <utility>
 
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_listing_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/node_listing_t.hpp"
+#include "lcmtypes/splinemap/tile_update_t.hpp"
 #include "lib/base/host_clock.h"
 
 namespace splinemap {
@@ -25,9 +31,10 @@ tile_update_t ToMessage(const TileUpdate& update) {
 // Fills messages up to kMaxMessageBytes.
 class UpdateBatch {
  public:
-  UpdateBatch(const LayerLife& life, std::vector<PublishedMessage>& messages)
+  UpdateBatch(int64_t speaker, const LayerRef& ref, std::vector<ReplicationMessage>& messages)
       : messages_(messages) {
-    batch_.layer = ToMessage(life);
+    batch_.speaker = speaker;
+    batch_.layer = ToMessage(ref);
     batch_.num_tiles = 0;
     empty_bytes_ = batch_.getEncodedSize();
     bytes_ = empty_bytes_;
@@ -53,7 +60,7 @@ class UpdateBatch {
     bytes_ = empty_bytes_;
   }
 
-  std::vector<PublishedMessage>& messages_;
+  std::vector<ReplicationMessage>& messages_;
   layer_updates_t batch_;
   size_t empty_bytes_;
   size_t bytes_;
@@ -61,9 +68,10 @@ class UpdateBatch {
 
 }  // namespace
 
-LayerPublisher::LayerPublisher(LayerLife life, const LayerSnapshot& layer,
+LayerPublisher::LayerPublisher(LayerRef ref, const LayerSnapshot& layer,
                                const MapOptions& map_options, const PublisherOptions& options)
-    : life_(std::move(life)),
+    : ref_(std::move(ref)),
+      speaker_(static_cast<int64_t>(options.proxy.value_or(ref_.session.nonce))),
       map_options_(map_options),
       options_(options),
       layer_(layer),
@@ -76,20 +84,21 @@ LayerPublisher::LayerPublisher(LayerLife life, const LayerSnapshot& layer,
 
 void LayerPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point now) {
   const uint64_t after_revision = layer_.revision;
-  layer.tiles.ForEachChanged(layer_.tiles.epoch(), [&](TileKey key, const TileTree::Entry& entry) {
-    if (!Pushes()) {
-      published_.Put(key, entry.tile, entry.revision);
-      index_.Set(key, TileChecksum(key, *entry.tile));
-    } else if (waiting_.try_emplace(key, after_revision).second) {
-      changes_.push_back({key, after_revision, now});
-    }
-  });
+  layer.tiles.ForEachChanged(layer_.tiles.version(),
+                             [&](TileKey key, const TileTree::Entry& entry) {
+                               if (!Pushes()) {
+                                 published_.Put(key, entry.tile, entry.revision);
+                                 index_.Set(key, TileChecksum(key, *entry.tile));
+                               } else if (waiting_.try_emplace(key, after_revision).second) {
+                                 changes_.push_back({key, after_revision, now});
+                               }
+                             });
   layer_ = layer;
   // Levels that were given up and made again count on.
   if (!Pushes()) state_ = layer.revision;
 }
 
-void LayerPublisher::TakePull(const layer_pull_t& pull) {
+void LayerPublisher::HandlePull(const layer_pull_t& pull) {
   for (int n = 0; n < pull.num_nodes; ++n) {
     if (pulled_tiles_.size() + pulled_nodes_.size() >= kMaxPulled) return;
     const NodeKey node{pull.levels[n], pull.xs[n], pull.ys[n]};
@@ -103,9 +112,9 @@ void LayerPublisher::TakePull(const layer_pull_t& pull) {
 }
 
 void LayerPublisher::Tick(Clock::time_point now, ByteBudget& budget,
-                          std::vector<PublishedMessage>& messages) {
+                          std::vector<ReplicationMessage>& messages) {
   Answer(budget, messages);
-  // Before the pushes, since followers know a life by its digest first.
+  // Before the pushes, since followers know a session by its digest first.
   if (!last_digest_ || now >= *last_digest_ + options_.digest_interval) Digest(messages, now);
   // The first change after a pause goes at once.
   if (HasChanges() && (!last_push_ || now >= *last_push_ + options_.push_interval)) {
@@ -114,14 +123,21 @@ void LayerPublisher::Tick(Clock::time_point now, ByteBudget& budget,
   }
 }
 
+Clock::time_point LayerPublisher::NextTick() const {
+  if (!last_digest_) return {};
+  const Clock::time_point digest = *last_digest_ + options_.digest_interval;
+  if (!HasChanges()) return digest;
+  return last_push_ ? std::min(digest, *last_push_ + options_.push_interval) : Clock::time_point();
+}
+
 void LayerPublisher::LastTick(Clock::time_point now, ByteBudget& budget,
-                              std::vector<PublishedMessage>& messages) {
+                              std::vector<ReplicationMessage>& messages) {
   last_push_.reset();
   Tick(now, budget, messages);
   Digest(messages, now);
 }
 
-void LayerPublisher::Digest(std::vector<PublishedMessage>& messages, Clock::time_point now) {
+void LayerPublisher::Digest(std::vector<ReplicationMessage>& messages, Clock::time_point now) {
   last_digest_ = now;
   messages.emplace_back(MakeDigest(now));
   at_digest_ = published_.Freeze();
@@ -129,9 +145,10 @@ void LayerPublisher::Digest(std::vector<PublishedMessage>& messages, Clock::time
 }
 
 // Listings first: they are short, and followers ask on by them.
-void LayerPublisher::Answer(ByteBudget& budget, std::vector<PublishedMessage>& messages) {
+void LayerPublisher::Answer(ByteBudget& budget, std::vector<ReplicationMessage>& messages) {
   layer_listing_t listing;
-  listing.layer = splinemap::ToMessage(life_);
+  listing.speaker = speaker_;
+  listing.layer = splinemap::ToMessage(ref_);
   listing.state = static_cast<int64_t>(state_);
   listing.num_nodes = 0;
   const auto send = [&] {
@@ -149,7 +166,7 @@ void LayerPublisher::Answer(ByteBudget& budget, std::vector<PublishedMessage>& m
     of_node.level = node.level;
     of_node.x = node.x;
     of_node.y = node.y;
-    for (const HashIndex::Child& child : index_.ChildrenOf(node)) {
+    for (const HashTree::Child& child : index_.ChildrenOf(node)) {
       const NodeKey key = node.Child(child.k);
       of_node.children.push_back(static_cast<uint8_t>(child.k));
       of_node.hashes.push_back(static_cast<int64_t>(child.hash));
@@ -167,7 +184,7 @@ void LayerPublisher::Answer(ByteBudget& budget, std::vector<PublishedMessage>& m
   }
   send();
 
-  UpdateBatch batch(life_, messages);
+  UpdateBatch batch(speaker_, ref_, messages);
   while (!pulled_tiles_.empty() && budget.MayAnswer()) {
     const TileKey key = pulled_tiles_.Pop();
     // Who needed this one does not have what differences are made to, until the next digest.
@@ -176,8 +193,8 @@ void LayerPublisher::Answer(ByteBudget& budget, std::vector<PublishedMessage>& m
   }
 }
 
-void LayerPublisher::Push(ByteBudget& budget, std::vector<PublishedMessage>& messages) {
-  UpdateBatch batch(life_, messages);
+void LayerPublisher::Push(ByteBudget& budget, std::vector<ReplicationMessage>& messages) {
+  UpdateBatch batch(speaker_, ref_, messages);
   while (!changes_.empty() && budget.MayPush()) {
     const Change change = changes_.front();
     const TileKey key = change.key;
@@ -218,7 +235,8 @@ TileUpdate LayerPublisher::Publish(TileKey key, bool as_difference) {
 layer_digest_t LayerPublisher::MakeDigest(Clock::time_point now) {
   while (!changes_.empty() && !IsWaiting(changes_.front())) changes_.pop_front();
   layer_digest_t digest;
-  digest.layer = splinemap::ToMessage(life_);
+  digest.speaker = speaker_;
+  digest.layer = splinemap::ToMessage(ref_);
   digest.protocol_version = kProtocolVersion;
   digest.utime = HostUtime();
   digest.knot_interval_m = map_options_.knot_interval_m;  // at level 0

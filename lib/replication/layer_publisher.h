@@ -10,15 +10,14 @@
 #include "absl/container/flat_hash_map.h"
 #include "absl/container/flat_hash_set.h"
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
-#include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
-#include "lcmtypes/splinemap/layer_updates_t.hpp"
-#include "lib/map/map.h"
-#include "lib/map/tile_update.h"
+#include "lib/map/map_view.h"
 #include "lib/replication/byte_budget.h"
 #include "lib/replication/fifo_set.h"
-#include "lib/replication/hash_index.h"
+#include "lib/replication/hash_tree.h"
 #include "lib/replication/protocol.h"
+#include "lib/replication/replication_message.h"
+#include "lib/tiles/tile_codec.h"
 
 namespace splinemap {
 
@@ -27,10 +26,9 @@ struct PublisherOptions {
   std::chrono::milliseconds push_interval{100};
   std::chrono::milliseconds digest_interval{1000};
   bool pushes = true;  // else what changed is only answered for
+  // Who speaks; nothing: the owner, whose number is the nonce of the layer's session.
+  std::optional<uint64_t> proxy;
 };
-
-// What an owner sends.
-using PublishedMessage = std::variant<layer_updates_t, layer_listing_t, layer_digest_t>;
 
 // Publishes one layer at one level of detail: says with a digest what it has published, and answers
 // pulls. As it was mapped, it pushes changes, oldest first; coarser levels are published in
@@ -38,7 +36,7 @@ using PublishedMessage = std::variant<layer_updates_t, layer_listing_t, layer_di
 class LayerPublisher {
  public:
   // What `layer` has already counts as published: followers that lack it will pull it.
-  LayerPublisher(LayerLife life, const LayerSnapshot& layer, const MapOptions& map_options,
+  LayerPublisher(LayerRef ref, const LayerSnapshot& layer, const MapOptions& map_options,
                  const PublisherOptions& options);
 
   // The layer's newest state; what changed since the last one waits to be pushed.
@@ -47,16 +45,19 @@ class LayerPublisher {
   // Of a coarser level: since when there are changes that are not in it yet.
   void SetBehind(std::optional<Clock::time_point> since) { behind_since_ = since; }
 
-  // Requires a pull of this life and this level.
-  void TakePull(const layer_pull_t& pull);
+  // Requires a pull of this session and this level.
+  void HandlePull(const layer_pull_t& pull);
 
   bool HasChanges() const { return !waiting_.empty(); }
   bool HasPulls() const { return !pulled_tiles_.empty() || !pulled_nodes_.empty(); }
 
   // Adds what is to be sent now, as far as the budget goes.
-  void Tick(Clock::time_point now, ByteBudget& budget, std::vector<PublishedMessage>& messages);
+  void Tick(Clock::time_point now, ByteBudget& budget, std::vector<ReplicationMessage>& messages);
+  // When the next push or digest is due.
+  Clock::time_point NextTick() const;
   // The same, whatever the intervals: what waits, and a digest.
-  void LastTick(Clock::time_point now, ByteBudget& budget, std::vector<PublishedMessage>& messages);
+  void LastTick(Clock::time_point now, ByteBudget& budget,
+                std::vector<ReplicationMessage>& messages);
 
  private:
   struct Change {
@@ -65,18 +66,19 @@ class LayerPublisher {
     Clock::time_point since;
   };
 
-  bool Pushes() const { return life_.detail == Detail{} && options_.pushes; }
-  void Answer(ByteBudget& budget, std::vector<PublishedMessage>& messages);
-  void Push(ByteBudget& budget, std::vector<PublishedMessage>& messages);
+  bool Pushes() const { return ref_.level_of_detail == LevelOfDetail{} && options_.pushes; }
+  void Answer(ByteBudget& budget, std::vector<ReplicationMessage>& messages);
+  void Push(ByteBudget& budget, std::vector<ReplicationMessage>& messages);
   // Done with a change that left the tile as it is published.
   bool SkipUnchanged(TileKey key);
   // Publishes the tile as it is now, as a difference to the last digest where that is allowed and
   // shorter.
   TileUpdate Publish(TileKey key, bool as_difference);
-  void Digest(std::vector<PublishedMessage>& messages, Clock::time_point now);
+  void Digest(std::vector<ReplicationMessage>& messages, Clock::time_point now);
   layer_digest_t MakeDigest(Clock::time_point now);
 
-  const LayerLife life_;
+  const LayerRef ref_;
+  const int64_t speaker_;
   const MapOptions map_options_;
   const PublisherOptions options_;
 
@@ -84,7 +86,7 @@ class LayerPublisher {
   uint64_t state_;  // counts on with everything that is published
   std::optional<Clock::time_point> behind_since_;
   TileTreeEditor published_;
-  HashIndex index_;                        // of published_
+  HashTree index_;                         // of published_
   TileTree at_digest_;                     // published_ when the last digest was sent
   absl::flat_hash_set<TileKey> answered_;  // since then
 

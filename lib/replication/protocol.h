@@ -1,43 +1,49 @@
 #pragma once
 
-#include <chrono>
 #include <cstdint>
 
-#include "lcmtypes/splinemap/layer_epoch_t.hpp"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_ref_t.hpp"
 #include "lib/base/clock.h"
-#include "lib/map/detail.h"
-#include "lib/map/layer.h"
+#include "lib/layers/layer.h"
+#include "lib/tiles/level_of_detail.h"
 
 namespace splinemap {
 
-// What owners and followers of layers agree on; lcmtypes/README.md describes it in words.
-inline constexpr int32_t kProtocolVersion = 1;
+// What owners and followers of layers agree on; lcmtypes/FOLLOWING.md describes it.
+inline constexpr int32_t kProtocolVersion = 2;
 inline constexpr size_t kMaxMessageBytes = 1400;  // one Ethernet frame
 
-// A layer in one life of its owner, at one level of detail.
-struct LayerLife {
+// One session of a layer at one level of detail.
+struct LayerRef {
   LayerId id;
-  LayerEpoch epoch;
-  Detail detail;
+  SessionId session;
+  LevelOfDetail level_of_detail;
 
-  bool operator==(const LayerLife&) const = default;
+  bool operator==(const LayerRef&) const = default;
 };
 
-inline layer_epoch_t ToMessage(const LayerLife& life) {
-  layer_epoch_t message;
-  message.name = life.id.name;
-  message.origin = static_cast<int64_t>(life.id.origin);
-  message.incarnation = static_cast<int64_t>(life.epoch.incarnation);
-  message.nonce = static_cast<int64_t>(life.epoch.nonce);
-  message.detail_level = static_cast<int8_t>(life.detail.level);
-  message.band = static_cast<int8_t>(life.detail.band);
+inline layer_ref_t ToMessage(const LayerRef& ref) {
+  layer_ref_t message;
+  message.name = ref.id.name;
+  message.origin = static_cast<int64_t>(ref.id.origin);
+  message.session_number = static_cast<int64_t>(ref.session.number);
+  message.session_nonce = static_cast<int64_t>(ref.session.nonce);
+  message.level = static_cast<int8_t>(ref.level_of_detail.level);
+  message.statistic = static_cast<int8_t>(ref.level_of_detail.statistic);
   return message;
 }
 
-inline LayerLife FromMessage(const layer_epoch_t& message) {
-  return {{message.name, static_cast<uint64_t>(message.origin)},
-          {static_cast<uint64_t>(message.incarnation), static_cast<uint64_t>(message.nonce)},
-          {message.detail_level, static_cast<Band>(message.band)}};
+inline LayerRef FromMessage(const layer_ref_t& message) {
+  return {
+      {message.name, static_cast<uint64_t>(message.origin)},
+      {static_cast<uint64_t>(message.session_number), static_cast<uint64_t>(message.session_nonce)},
+      {message.level, static_cast<Statistic>(message.statistic)}};
+}
+
+// Whether the layer's owner speaks, not a proxy.
+inline bool IsOwners(const layer_digest_t& digest) {
+  return digest.speaker == digest.layer.session_nonce;
 }
 
 }  // namespace splinemap

@@ -2,7 +2,12 @@
 
 #include <algorithm>
 
+#include "lcmtypes/splinemap/command_reply_t.hpp"
+#include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/layer_command_request_t.hpp"
+#include "lcmtypes/splinemap/reply_t.hpp"
 #include "lib/base/status.h"
+#include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 
 namespace splinemap {
@@ -31,71 +36,63 @@ absl::StatusOr<RasterQuery::Answer> AnswerOf(const absl::StatusOr<RasterPart>& p
   return answer;
 }
 
+template <typename Message>
+bool IsOf(absl::Span<const uint8_t> bytes) {
+  return FingerprintOf(bytes) == static_cast<uint64_t>(Message::getHash());
+}
+
 template <typename Reply>
-std::vector<uint8_t> Refuse(const absl::Status& why, const reply_t& head) {
+std::vector<uint8_t> Refuse(const absl::Status& why, const reply_t& header) {
   Reply reply{};
-  reply.head = head;
-  SetStatus(why, reply.head);
+  reply.header = header;
+  SetStatus(why, reply.header);
   return Encode(reply);
 }
 
 template <typename Query>
 std::vector<uint8_t> Answer(absl::Span<const uint8_t> bytes, const QueryableMap& map,
-                            const reply_t& head) {
-  const auto request = DecodeRpc<typename Rpc<Query>::Request>(bytes);
+                            const reply_t& header) {
+  const auto request = Decode<typename Rpc<Query>::Request>(bytes);
   if (!request.ok()) return {};
   const auto answer = AnswerOf(FromMessage(*request), map);
-  if (!answer.ok()) return Refuse<typename Rpc<Query>::Reply>(answer.status(), head);
+  if (!answer.ok()) return Refuse<typename Rpc<Query>::Reply>(answer.status(), header);
   auto reply = ToMessage(*answer);
-  const int64_t revision = reply.head.revision;
-  reply.head = head;
-  reply.head.revision = revision;
+  const int64_t revision = reply.header.revision;  // of the state that answered
+  reply.header = header;
+  reply.header.revision = revision;
   return Encode(reply);
 }
 
 }  // namespace
 
 std::vector<uint8_t> AnswerRequest(absl::Span<const uint8_t> request, const QueryableMap& map,
-                                   const reply_t& head) {
-  switch (TypeOf(request).value_or(MessageType::kStatus)) {
-    case MessageType::kPointsRequest:
-      return Answer<PointsQuery>(request, map, head);
-    case MessageType::kRaysRequest:
-      return Answer<RaysQuery>(request, map, head);
-    case MessageType::kSweepsRequest:
-      return Answer<SweepsQuery>(request, map, head);
-    case MessageType::kRasterRequest:
-      return Answer<RasterQuery>(request, map, head);
-    case MessageType::kLikelihoodsRequest:
-      return Answer<LikelihoodsQuery>(request, map, head);
-    case MessageType::kDistancesRequest:
-      return Answer<DistancesQuery>(request, map, head);
-    default:
-      return {};
-  }
+                                   const reply_t& header) {
+  std::vector<uint8_t> reply;
+  AllQueries::ForEach([&]<typename Query>() {
+    if (IsOf<typename Rpc<Query>::Request>(request)) reply = Answer<Query>(request, map, header);
+  });
+  return reply;
 }
 
 std::vector<uint8_t> RefuseRequest(absl::Span<const uint8_t> request, const absl::Status& why,
-                                   const reply_t& head) {
-  switch (TypeOf(request).value_or(MessageType::kStatus)) {
-    case MessageType::kPointsRequest:
-      return Refuse<points_reply_t>(why, head);
-    case MessageType::kRaysRequest:
-      return Refuse<rays_reply_t>(why, head);
-    case MessageType::kSweepsRequest:
-      return Refuse<sweeps_reply_t>(why, head);
-    case MessageType::kRasterRequest:
-      return Refuse<raster_reply_t>(why, head);
-    case MessageType::kLikelihoodsRequest:
-      return Refuse<likelihoods_reply_t>(why, head);
-    case MessageType::kDistancesRequest:
-      return Refuse<distances_reply_t>(why, head);
-    case MessageType::kCommandRequest:
-    case MessageType::kLayerCommandRequest:
-      return Refuse<command_reply_t>(why, head);
-    default:
-      return {};
+                                   const reply_t& header) {
+  std::vector<uint8_t> reply;
+  AllQueries::ForEach([&]<typename Query>() {
+    if (IsOf<typename Rpc<Query>::Request>(request)) {
+      reply = Refuse<typename Rpc<Query>::Reply>(why, header);
+    }
+  });
+  if (IsOf<command_request_t>(request) || IsOf<layer_command_request_t>(request)) {
+    reply = Refuse<command_reply_t>(why, header);
   }
+  return reply;
+}
+
+std::vector<std::string> QueryChannels(const std::string& channel_prefix) {
+  std::vector<std::string> channels;
+  AllQueries::ForEach(
+      [&]<typename Query>() { channels.push_back(channel_prefix + Rpc<Query>::kChannel); });
+  return channels;
 }
 
 }  // namespace splinemap

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "lcmtypes/splinemap/reply_t.hpp"
+#include "lcmtypes/splinemap/sweep_t.hpp"
 #include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 
@@ -29,7 +31,7 @@ size_t SweepBytes(size_t num_vertices) {
   return std::max(8 + 4 + 2 * 8 * num_vertices, kResultBytes);
 }
 
-constexpr size_t kMaxCellsOfPiece = kMaxItemBytes / 2;
+constexpr size_t kMaxCellsOfChunk = kMaxItemBytes / 2;
 
 // Of poses; 0 where the hits alone are too many.
 size_t MaxPoses(size_t num_hits) {
@@ -60,23 +62,23 @@ size_t MaxDistances(double max_distance_m) {
                   static_cast<size_t>(kMaxSearchedArea_m2 / (reach_m * reach_m)));
 }
 
-// Pieces of so many bytes and so much work; those of one item may be more.
+// Chunks of so many bytes and so much work; those of one item may be more.
 template <typename Item, typename BytesOf>
-std::vector<Piece> CutByWork(const std::vector<Item>& items, double max_work, BytesOf bytes_of) {
-  std::vector<Piece> pieces{{0, 0}};
+std::vector<Chunk> SplitByWork(const std::vector<Item>& items, double max_work, BytesOf bytes_of) {
+  std::vector<Chunk> chunks{{0, 0}};
   size_t bytes = 0;
   double work = 0;
   for (const Item& item : items) {
     bytes += bytes_of(item);
     work += Work(item);
-    if (pieces.back().size() > 0 && (bytes > kMaxItemBytes || work > max_work)) {
-      pieces.push_back({pieces.back().end, pieces.back().end});
+    if (chunks.back().size() > 0 && (bytes > kMaxItemBytes || work > max_work)) {
+      chunks.push_back({chunks.back().end, chunks.back().end});
       bytes = bytes_of(item);
       work = Work(item);
     }
-    ++pieces.back().end;
+    ++chunks.back().end;
   }
-  return pieces;
+  return chunks;
 }
 
 template <typename Item>
@@ -89,13 +91,13 @@ absl::Status CheckWork(const std::vector<Item>& items, double max_work, const ch
                          max_work);
 }
 
-std::vector<Piece> CutEvenly(size_t num_items, size_t max_items) {
-  std::vector<Piece> pieces{{0, std::min(num_items, max_items)}};
-  while (pieces.back().end < num_items) {
-    const size_t begin = pieces.back().end;
-    pieces.push_back({begin, std::min(num_items, begin + max_items)});
+std::vector<Chunk> CutEvenly(size_t num_items, size_t max_items) {
+  std::vector<Chunk> chunks{{0, std::min(num_items, max_items)}};
+  while (chunks.back().end < num_items) {
+    const size_t begin = chunks.back().end;
+    chunks.push_back({begin, std::min(num_items, begin + max_items)});
   }
-  return pieces;
+  return chunks;
 }
 
 absl::Status CheckSize(int32_t num_items, size_t max_items, const char* name) {
@@ -106,9 +108,9 @@ absl::Status CheckSize(int32_t num_items, size_t max_items, const char* name) {
 }
 
 template <typename Request>
-void SetPoints(const std::vector<Eigen::Vector2d>& points_m, Piece piece, Request& request) {
-  request.num_points = static_cast<int32_t>(piece.size());
-  for (size_t k = piece.begin; k < piece.end; ++k) {
+void SetPoints(const std::vector<Eigen::Vector2d>& points_m, Chunk chunk, Request& request) {
+  request.num_points = static_cast<int32_t>(chunk.size());
+  for (size_t k = chunk.begin; k < chunk.end; ++k) {
     request.x_m.push_back(points_m[k].x());
     request.y_m.push_back(points_m[k].y());
   }
@@ -121,9 +123,9 @@ std::vector<Eigen::Vector2d> Points(const std::vector<double>& x_m,
   return points_m;
 }
 
-absl::Status CheckReply(int32_t num_items, Piece piece) {
-  if (static_cast<size_t>(num_items) == piece.size()) return absl::OkStatus();
-  return InvalidArgument("a reply of {} items to a request of {}", num_items, piece.size());
+absl::Status CheckReply(int32_t num_items, Chunk chunk) {
+  if (static_cast<size_t>(num_items) == chunk.size()) return absl::OkStatus();
+  return InvalidArgument("a reply of {} items to a request of {}", num_items, chunk.size());
 }
 
 bool AreOccupancies(const std::vector<int8_t>& values) {
@@ -133,7 +135,7 @@ bool AreOccupancies(const std::vector<int8_t>& values) {
 template <typename Reply, typename Answer>
 Reply ReplyOf(const Answer& answer) {
   Reply reply{};
-  reply.head.revision = static_cast<int64_t>(answer.revision);
+  reply.header.revision = static_cast<int64_t>(answer.revision);
   return reply;
 }
 
@@ -143,53 +145,53 @@ std::string ReplyChannel(const std::string& channel_prefix, uint64_t client) {
   return fmt::format("{}_REPLIES_{:016x}", channel_prefix, client);
 }
 
-absl::Status StatusOf(const reply_t& head) {
-  return {static_cast<absl::StatusCode>(head.status), PlainText(head.status_text)};
+absl::Status StatusOf(const reply_t& header) {
+  return {static_cast<absl::StatusCode>(header.status), PlainText(header.status_text)};
 }
 
-void SetStatus(const absl::Status& status, reply_t& head) {
-  head.status = static_cast<int32_t>(status.code());
-  head.status_text = ErrorText(status).substr(0, kMaxStatusText);
+void SetStatus(const absl::Status& status, reply_t& header) {
+  header.status = static_cast<int32_t>(status.code());
+  header.status_text = ErrorText(status).substr(0, kMaxStatusText);
 }
 
-std::vector<Piece> Cut(const PointsQuery& query) {
+std::vector<Chunk> Split(const PointsQuery& query) {
   return CutEvenly(query.points_m.size(), kMaxItemBytes / PointBytes(query.with_hessians));
 }
 
-std::vector<Piece> Cut(const RaysQuery& query) {
-  return CutByWork(query.rays, kMaxLengthOfRays_m, [](const Ray&) { return kRayBytes; });
+std::vector<Chunk> Split(const RaysQuery& query) {
+  return SplitByWork(query.rays, kMaxLengthOfRays_m, [](const Ray&) { return kRayBytes; });
 }
 
-std::vector<Piece> Cut(const SweepsQuery& query) {
-  return CutByWork(query.sweeps, kMaxSweptArea_m2,
-                   [](const Sweep& sweep) { return SweepBytes(sweep.path_m.size()); });
+std::vector<Chunk> Split(const SweepsQuery& query) {
+  return SplitByWork(query.sweeps, kMaxSweptArea_m2,
+                     [](const Sweep& sweep) { return SweepBytes(sweep.path_m.size()); });
 }
 
-std::vector<Piece> Cut(const RasterQuery& query) {
-  return CutEvenly(size_t{1} * query.width * query.height, kMaxCellsOfPiece);
+std::vector<Chunk> Split(const RasterQuery& query) {
+  return CutEvenly(size_t{1} * query.width * query.height, kMaxCellsOfChunk);
 }
 
-std::vector<Piece> Cut(const LikelihoodsQuery& query) {
+std::vector<Chunk> Split(const LikelihoodsQuery& query) {
   return CutEvenly(query.world_T_robot.size(), MaxPoses(query.hits_robot_m.size()));
 }
 
-std::vector<Piece> Cut(const DistancesQuery& query) {
+std::vector<Chunk> Split(const DistancesQuery& query) {
   return CutEvenly(query.points_m.size(), MaxDistances(query.max_distance_m));
 }
 
-points_request_t ToMessage(const PointsQuery& query, Piece piece) {
+points_request_t ToMessage(const PointsQuery& query, Chunk chunk) {
   points_request_t request{};
   request.with_hessians = query.with_hessians ? 1 : 0;
-  SetPoints(query.points_m, piece, request);
+  SetPoints(query.points_m, chunk, request);
   return request;
 }
 
-rays_request_t ToMessage(const RaysQuery& query, Piece piece) {
+rays_request_t ToMessage(const RaysQuery& query, Chunk chunk) {
   rays_request_t request{};
   request.occupied_log_odds = query.occupied_log_odds;
   request.unknown = static_cast<int8_t>(query.unknown);
-  request.num_rays = static_cast<int32_t>(piece.size());
-  for (size_t k = piece.begin; k < piece.end; ++k) {
+  request.num_rays = static_cast<int32_t>(chunk.size());
+  for (size_t k = chunk.begin; k < chunk.end; ++k) {
     const Ray& ray = query.rays[k];
     request.x_m.push_back(ray.origin_m.x());
     request.y_m.push_back(ray.origin_m.y());
@@ -199,12 +201,12 @@ rays_request_t ToMessage(const RaysQuery& query, Piece piece) {
   return request;
 }
 
-sweeps_request_t ToMessage(const SweepsQuery& query, Piece piece) {
+sweeps_request_t ToMessage(const SweepsQuery& query, Chunk chunk) {
   sweeps_request_t request{};
   request.occupied_log_odds = query.occupied_log_odds;
   request.unknown = static_cast<int8_t>(query.unknown);
-  request.num_sweeps = static_cast<int32_t>(piece.size());
-  for (size_t k = piece.begin; k < piece.end; ++k) {
+  request.num_sweeps = static_cast<int32_t>(chunk.size());
+  for (size_t k = chunk.begin; k < chunk.end; ++k) {
     const Sweep& sweep = query.sweeps[k];
     sweep_t& message = request.sweeps.emplace_back();
     message.radius_m = sweep.radius_m;
@@ -217,27 +219,27 @@ sweeps_request_t ToMessage(const SweepsQuery& query, Piece piece) {
   return request;
 }
 
-raster_request_t ToMessage(const RasterQuery& query, Piece piece) {
+raster_request_t ToMessage(const RasterQuery& query, Chunk chunk) {
   raster_request_t request{};
   request.first_x_m = query.first_m.x();
   request.first_y_m = query.first_m.y();
   request.resolution_m = query.resolution_m;
   request.width = query.width;
   request.height = query.height;
-  request.first_cell = static_cast<int32_t>(piece.begin);
-  request.num_cells = static_cast<int32_t>(piece.size());
+  request.first_cell = static_cast<int32_t>(chunk.begin);
+  request.num_cells = static_cast<int32_t>(chunk.size());
   return request;
 }
 
-likelihoods_request_t ToMessage(const LikelihoodsQuery& query, Piece piece) {
+likelihoods_request_t ToMessage(const LikelihoodsQuery& query, Chunk chunk) {
   likelihoods_request_t request{};
   request.num_hits = static_cast<int32_t>(query.hits_robot_m.size());
   for (const Eigen::Vector2d& hit_m : query.hits_robot_m) {
     request.hit_x_m.push_back(hit_m.x());
     request.hit_y_m.push_back(hit_m.y());
   }
-  request.num_poses = static_cast<int32_t>(piece.size());
-  for (size_t k = piece.begin; k < piece.end; ++k) {
+  request.num_poses = static_cast<int32_t>(chunk.size());
+  for (size_t k = chunk.begin; k < chunk.end; ++k) {
     const Pose2& pose = query.world_T_robot[k];
     request.x_m.push_back(pose.position_m.x());
     request.y_m.push_back(pose.position_m.y());
@@ -246,11 +248,11 @@ likelihoods_request_t ToMessage(const LikelihoodsQuery& query, Piece piece) {
   return request;
 }
 
-distances_request_t ToMessage(const DistancesQuery& query, Piece piece) {
+distances_request_t ToMessage(const DistancesQuery& query, Chunk chunk) {
   distances_request_t request{};
   request.max_distance_m = query.max_distance_m;
   request.occupied_log_odds = query.occupied_log_odds;
-  SetPoints(query.points_m, piece, request);
+  SetPoints(query.points_m, chunk, request);
   return request;
 }
 
@@ -265,7 +267,7 @@ absl::StatusOr<RaysQuery> FromMessage(const rays_request_t& request) {
   SPLINEMAP_RETURN_IF_ERROR(CheckSize(request.num_rays, kMaxItemBytes / kRayBytes, "rays"));
   RaysQuery query{.rays = {},
                   .occupied_log_odds = request.occupied_log_odds,
-                  .unknown = static_cast<Unknown>(request.unknown)};
+                  .unknown = static_cast<UnknownPolicy>(request.unknown)};
   for (size_t k = 0; k < request.x_m.size(); ++k) {
     query.rays.push_back(
         {{request.x_m[k], request.y_m[k]}, request.bearing_rad[k], request.max_range_m[k]});
@@ -277,7 +279,7 @@ absl::StatusOr<RaysQuery> FromMessage(const rays_request_t& request) {
 absl::StatusOr<SweepsQuery> FromMessage(const sweeps_request_t& request) {
   SweepsQuery query{.sweeps = {},
                     .occupied_log_odds = request.occupied_log_odds,
-                    .unknown = static_cast<Unknown>(request.unknown)};
+                    .unknown = static_cast<UnknownPolicy>(request.unknown)};
   size_t bytes = 0;
   for (const sweep_t& message : request.sweeps) {
     bytes += SweepBytes(message.x_m.size());
@@ -334,7 +336,7 @@ absl::StatusOr<RasterPart> FromMessage(const raster_request_t& request) {
     return InvalidArgument("cells {} to {} of a raster of {} x {}", request.first_cell, end - 1,
                            raster.width, raster.height);
   }
-  SPLINEMAP_RETURN_IF_ERROR(CheckSize(request.num_cells, kMaxCellsOfPiece, "cells"));
+  SPLINEMAP_RETURN_IF_ERROR(CheckSize(request.num_cells, kMaxCellsOfChunk, "cells"));
   return RasterPart{raster, {static_cast<size_t>(request.first_cell), static_cast<size_t>(end)}};
 }
 
@@ -410,48 +412,48 @@ distances_reply_t ToMessage(const DistancesQuery::Answer& answer) {
   return reply;
 }
 
-absl::Status TakeReply(const points_reply_t& reply, const PointsQuery& query, Piece piece,
-                       PointsQuery::Answer& answer) {
-  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_points, piece));
+absl::Status HandleReply(const points_reply_t& reply, const PointsQuery& query, Chunk chunk,
+                         PointsQuery::Answer& answer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_points, chunk));
   if (reply.num_hessians != (query.with_hessians ? reply.num_points : 0)) {
     return InvalidArgument("a reply with {} second derivatives", reply.num_hessians);
   }
-  answer.revision = static_cast<uint64_t>(reply.head.revision);
+  answer.revision = static_cast<uint64_t>(reply.header.revision);
   answer.samples.resize(query.points_m.size());
-  for (size_t k = 0; k < piece.size(); ++k) {
-    answer.samples[piece.begin + k] = {{reply.gradient_x_per_m[k], reply.gradient_y_per_m[k]},
+  for (size_t k = 0; k < chunk.size(); ++k) {
+    answer.samples[chunk.begin + k] = {{reply.gradient_x_per_m[k], reply.gradient_y_per_m[k]},
                                        reply.log_odds[k],
                                        reply.known[k] != 0};
   }
   if (!query.with_hessians) return absl::OkStatus();
   answer.hessians_per_m2.resize(query.points_m.size());
-  for (size_t k = 0; k < piece.size(); ++k) {
-    answer.hessians_per_m2[piece.begin + k] << reply.hessian_xx_per_m2[k],
+  for (size_t k = 0; k < chunk.size(); ++k) {
+    answer.hessians_per_m2[chunk.begin + k] << reply.hessian_xx_per_m2[k],
         reply.hessian_xy_per_m2[k], reply.hessian_xy_per_m2[k], reply.hessian_yy_per_m2[k];
   }
   return absl::OkStatus();
 }
 
-absl::Status TakeReply(const rays_reply_t& reply, const RaysQuery& query, Piece piece,
-                       RaysQuery::Answer& answer) {
-  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_rays, piece));
+absl::Status HandleReply(const rays_reply_t& reply, const RaysQuery& query, Chunk chunk,
+                         RaysQuery::Answer& answer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_rays, chunk));
   if (!AreOccupancies(reply.occupancy)) return InvalidArgument("a reply of no known occupancy");
-  answer.revision = static_cast<uint64_t>(reply.head.revision);
+  answer.revision = static_cast<uint64_t>(reply.header.revision);
   answer.ends.resize(query.rays.size());
-  for (size_t k = 0; k < piece.size(); ++k) {
-    answer.ends[piece.begin + k] = {static_cast<Occupancy>(reply.occupancy[k]), reply.range_m[k]};
+  for (size_t k = 0; k < chunk.size(); ++k) {
+    answer.ends[chunk.begin + k] = {static_cast<Occupancy>(reply.occupancy[k]), reply.range_m[k]};
   }
   return absl::OkStatus();
 }
 
-absl::Status TakeReply(const sweeps_reply_t& reply, const SweepsQuery& query, Piece piece,
-                       SweepsQuery::Answer& answer) {
-  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_sweeps, piece));
+absl::Status HandleReply(const sweeps_reply_t& reply, const SweepsQuery& query, Chunk chunk,
+                         SweepsQuery::Answer& answer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_sweeps, chunk));
   if (!AreOccupancies(reply.occupancy)) return InvalidArgument("a reply of no known occupancy");
-  answer.revision = static_cast<uint64_t>(reply.head.revision);
+  answer.revision = static_cast<uint64_t>(reply.header.revision);
   answer.results.resize(query.sweeps.size());
-  for (size_t k = 0; k < piece.size(); ++k) {
-    answer.results[piece.begin + k] = {static_cast<Occupancy>(reply.occupancy[k]),
+  for (size_t k = 0; k < chunk.size(); ++k) {
+    answer.results[chunk.begin + k] = {static_cast<Occupancy>(reply.occupancy[k]),
                                        reply.is_certified[k] != 0,
                                        reply.free_m[k],
                                        {reply.contact_x_m[k], reply.contact_y_m[k]}};
@@ -459,32 +461,32 @@ absl::Status TakeReply(const sweeps_reply_t& reply, const SweepsQuery& query, Pi
   return absl::OkStatus();
 }
 
-absl::Status TakeReply(const raster_reply_t& reply, const RasterQuery& query, Piece piece,
-                       RasterQuery::Answer& answer) {
-  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_cells, piece));
-  answer.revision = static_cast<uint64_t>(reply.head.revision);
+absl::Status HandleReply(const raster_reply_t& reply, const RasterQuery& query, Chunk chunk,
+                         RasterQuery::Answer& answer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_cells, chunk));
+  answer.revision = static_cast<uint64_t>(reply.header.revision);
   answer.cells.resize(size_t{1} * query.width * query.height);
-  std::copy(reply.cells.begin(), reply.cells.end(), answer.cells.begin() + piece.begin);
+  std::copy(reply.cells.begin(), reply.cells.end(), answer.cells.begin() + chunk.begin);
   return absl::OkStatus();
 }
 
-absl::Status TakeReply(const likelihoods_reply_t& reply, const LikelihoodsQuery& query, Piece piece,
-                       LikelihoodsQuery::Answer& answer) {
-  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_poses, piece));
-  answer.revision = static_cast<uint64_t>(reply.head.revision);
+absl::Status HandleReply(const likelihoods_reply_t& reply, const LikelihoodsQuery& query,
+                         Chunk chunk, LikelihoodsQuery::Answer& answer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_poses, chunk));
+  answer.revision = static_cast<uint64_t>(reply.header.revision);
   answer.log_likelihoods.resize(query.world_T_robot.size());
   std::copy(reply.log_likelihoods.begin(), reply.log_likelihoods.end(),
-            answer.log_likelihoods.begin() + piece.begin);
+            answer.log_likelihoods.begin() + chunk.begin);
   return absl::OkStatus();
 }
 
-absl::Status TakeReply(const distances_reply_t& reply, const DistancesQuery& query, Piece piece,
-                       DistancesQuery::Answer& answer) {
-  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_points, piece));
-  answer.revision = static_cast<uint64_t>(reply.head.revision);
+absl::Status HandleReply(const distances_reply_t& reply, const DistancesQuery& query, Chunk chunk,
+                         DistancesQuery::Answer& answer) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_points, chunk));
+  answer.revision = static_cast<uint64_t>(reply.header.revision);
   answer.distances.resize(query.points_m.size());
-  for (size_t k = 0; k < piece.size(); ++k) {
-    answer.distances[piece.begin + k] = {reply.distance_m[k],
+  for (size_t k = 0; k < chunk.size(); ++k) {
+    answer.distances[chunk.begin + k] = {reply.distance_m[k],
                                          {reply.gradient_x[k], reply.gradient_y[k]}};
   }
   return absl::OkStatus();

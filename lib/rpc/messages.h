@@ -8,10 +8,22 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "lcmtypes/splinemap/distances_reply_t.hpp"
+#include "lcmtypes/splinemap/distances_request_t.hpp"
+#include "lcmtypes/splinemap/likelihoods_reply_t.hpp"
+#include "lcmtypes/splinemap/likelihoods_request_t.hpp"
+#include "lcmtypes/splinemap/points_reply_t.hpp"
+#include "lcmtypes/splinemap/points_request_t.hpp"
+#include "lcmtypes/splinemap/raster_reply_t.hpp"
+#include "lcmtypes/splinemap/raster_request_t.hpp"
+#include "lcmtypes/splinemap/rays_reply_t.hpp"
+#include "lcmtypes/splinemap/rays_request_t.hpp"
+#include "lcmtypes/splinemap/reply_t.hpp"
+#include "lcmtypes/splinemap/sweeps_reply_t.hpp"
+#include "lcmtypes/splinemap/sweeps_request_t.hpp"
 #include "lib/query/queries.h"
-#include "lib/wire/decode.h"
 
-// Queries and their answers as messages; lcmtypes/README.md describes in words how a map is asked.
+// Queries and their answers as messages; lcmtypes/ASKING.md describes how a map is asked.
 
 namespace splinemap {
 
@@ -23,9 +35,9 @@ inline constexpr std::chrono::seconds kPinTime(10);
 // Where a client hears the replies to it.
 std::string ReplyChannel(const std::string& channel_prefix, uint64_t client);
 
-absl::Status StatusOf(const reply_t& head);
+absl::Status StatusOf(const reply_t& header);
 // Texts are cut where they would not fit.
-void SetStatus(const absl::Status& status, reply_t& head);
+void SetStatus(const absl::Status& status, reply_t& header);
 
 // The messages of a query, how people call it, and what the channel of its requests ends in.
 template <typename Query>
@@ -75,32 +87,32 @@ struct Rpc<DistancesQuery> {
 inline constexpr const char* kCommandChannel = "_COMMAND_REQUESTS";
 
 // Items [begin, end) of a query: points, rays, sweeps, cells, poses.
-struct Piece {
+struct Chunk {
   size_t begin = 0;
   size_t end = 0;
 
   size_t size() const { return end - begin; }
 };
 
-// Pieces whose requests and replies are messages of kMaxRpcBytes at most, and quickly answered; one
+// Chunks whose requests and replies are messages of kMaxRpcBytes at most, and quickly answered; one
 // for a query of nothing. A sweep that alone is too much work is refused by the daemon. Requires
 // Check(query).ok().
-std::vector<Piece> Cut(const PointsQuery& query);
-std::vector<Piece> Cut(const RaysQuery& query);
-std::vector<Piece> Cut(const SweepsQuery& query);
-std::vector<Piece> Cut(const RasterQuery& query);
-std::vector<Piece> Cut(const LikelihoodsQuery& query);
-std::vector<Piece> Cut(const DistancesQuery& query);
+std::vector<Chunk> Split(const PointsQuery& query);
+std::vector<Chunk> Split(const RaysQuery& query);
+std::vector<Chunk> Split(const SweepsQuery& query);
+std::vector<Chunk> Split(const RasterQuery& query);
+std::vector<Chunk> Split(const LikelihoodsQuery& query);
+std::vector<Chunk> Split(const DistancesQuery& query);
 
-// A client asks for a piece.
-points_request_t ToMessage(const PointsQuery& query, Piece piece);
-rays_request_t ToMessage(const RaysQuery& query, Piece piece);
-sweeps_request_t ToMessage(const SweepsQuery& query, Piece piece);
-raster_request_t ToMessage(const RasterQuery& query, Piece piece);
-likelihoods_request_t ToMessage(const LikelihoodsQuery& query, Piece piece);
-distances_request_t ToMessage(const DistancesQuery& query, Piece piece);
+// A client asks for a chunk.
+points_request_t ToMessage(const PointsQuery& query, Chunk chunk);
+rays_request_t ToMessage(const RaysQuery& query, Chunk chunk);
+sweeps_request_t ToMessage(const SweepsQuery& query, Chunk chunk);
+raster_request_t ToMessage(const RasterQuery& query, Chunk chunk);
+likelihoods_request_t ToMessage(const LikelihoodsQuery& query, Chunk chunk);
+distances_request_t ToMessage(const DistancesQuery& query, Chunk chunk);
 
-// What a decoded request asks for. InvalidArgument where it is more than a piece; Check() is the
+// What a decoded request asks for. InvalidArgument where it is more than a chunk; Check() is the
 // map's.
 absl::StatusOr<PointsQuery> FromMessage(const points_request_t& request);
 absl::StatusOr<RaysQuery> FromMessage(const rays_request_t& request);
@@ -109,7 +121,7 @@ absl::StatusOr<LikelihoodsQuery> FromMessage(const likelihoods_request_t& reques
 absl::StatusOr<DistancesQuery> FromMessage(const distances_request_t& request);
 struct RasterPart {
   RasterQuery raster;
-  Piece cells;
+  Chunk cells;
 };
 absl::StatusOr<RasterPart> FromMessage(const raster_request_t& request);
 
@@ -121,19 +133,19 @@ raster_reply_t ToMessage(const RasterQuery::Answer& answer);
 likelihoods_reply_t ToMessage(const LikelihoodsQuery::Answer& answer);
 distances_reply_t ToMessage(const DistancesQuery::Answer& answer);
 
-// Puts the decoded reply to a piece where it belongs. InvalidArgument, and the answer is unchanged,
-// where it does not answer that piece.
-absl::Status TakeReply(const points_reply_t& reply, const PointsQuery& query, Piece piece,
-                       PointsQuery::Answer& answer);
-absl::Status TakeReply(const rays_reply_t& reply, const RaysQuery& query, Piece piece,
-                       RaysQuery::Answer& answer);
-absl::Status TakeReply(const sweeps_reply_t& reply, const SweepsQuery& query, Piece piece,
-                       SweepsQuery::Answer& answer);
-absl::Status TakeReply(const raster_reply_t& reply, const RasterQuery& query, Piece piece,
-                       RasterQuery::Answer& answer);
-absl::Status TakeReply(const likelihoods_reply_t& reply, const LikelihoodsQuery& query, Piece piece,
-                       LikelihoodsQuery::Answer& answer);
-absl::Status TakeReply(const distances_reply_t& reply, const DistancesQuery& query, Piece piece,
-                       DistancesQuery::Answer& answer);
+// Puts the decoded reply to a chunk where it belongs. InvalidArgument, and the answer is unchanged,
+// where it does not answer that chunk.
+absl::Status HandleReply(const points_reply_t& reply, const PointsQuery& query, Chunk chunk,
+                         PointsQuery::Answer& answer);
+absl::Status HandleReply(const rays_reply_t& reply, const RaysQuery& query, Chunk chunk,
+                         RaysQuery::Answer& answer);
+absl::Status HandleReply(const sweeps_reply_t& reply, const SweepsQuery& query, Chunk chunk,
+                         SweepsQuery::Answer& answer);
+absl::Status HandleReply(const raster_reply_t& reply, const RasterQuery& query, Chunk chunk,
+                         RasterQuery::Answer& answer);
+absl::Status HandleReply(const likelihoods_reply_t& reply, const LikelihoodsQuery& query,
+                         Chunk chunk, LikelihoodsQuery::Answer& answer);
+absl::Status HandleReply(const distances_reply_t& reply, const DistancesQuery& query, Chunk chunk,
+                         DistancesQuery::Answer& answer);
 
 }  // namespace splinemap

@@ -30,7 +30,7 @@ void ScanQueue::AddPose(const TimedPose& pose) {
   if (step == Step::kBack) {
     held_pose_ = pose;
   } else {
-    TakePose(pose);
+    HandlePose(pose);
   }
 }
 
@@ -43,7 +43,7 @@ void ScanQueue::AddScan(Scan scan) {
   if (step == Step::kBack) {
     held = std::move(scan);
   } else {
-    TakeScan(std::move(scan));
+    HandleScan(std::move(scan));
   }
 }
 
@@ -83,9 +83,9 @@ void ScanQueue::BeginAnew(std::optional<int> jumped_channel) {
   std::vector<std::optional<Scan>> scans(held_scans_.size());
   std::swap(scans, held_scans_);
   Flush();
-  if (pose) TakePose(*pose);
+  if (pose) HandlePose(*pose);
   for (std::optional<Scan>& scan : scans) {
-    if (scan) TakeScan(*std::move(scan));
+    if (scan) HandleScan(*std::move(scan));
   }
 }
 
@@ -104,12 +104,12 @@ void ScanQueue::DropHeldScan(int channel) {
   held_scans_[channel].reset();
 }
 
-void ScanQueue::TakePose(const TimedPose& pose) {
+void ScanQueue::HandlePose(const TimedPose& pose) {
   if (!poses_.Add(pose)) ++counts_.drops[DropReason::kDuplicatePose];
   Drain(false);
 }
 
-void ScanQueue::TakeScan(Scan scan) {
+void ScanQueue::HandleScan(Scan scan) {
   std::optional<Utime>& newest = newest_scan_[scan.channel];
   const Key key{scan.utime, scan.channel};
   if (newest == scan.utime || waiting_.contains(key)) {

@@ -82,8 +82,8 @@ class ScanQueue {
   void DropHeld();
   void DropHeldPose();
   void DropHeldScan(int channel);
-  void TakePose(const TimedPose& pose);
-  void TakeScan(Scan scan);
+  void HandlePose(const TimedPose& pose);
+  void HandleScan(Scan scan);
 
   enum class Fate { kWait, kPlace, kNoPose };
   Fate Judge(const Scan& scan) const;

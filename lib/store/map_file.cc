@@ -16,7 +16,7 @@
 #include "absl/cleanup/cleanup.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
-#include "lib/map/validity.h"
+#include "lib/layers/validity.h"
 
 namespace splinemap {
 namespace {
@@ -59,7 +59,7 @@ std::unique_ptr<SQLite::Database> Connect(const std::string& path, int flags) {
   return database;
 }
 
-size_t CountTiles(const MapSnapshot& map) {
+size_t CountTiles(const LayerSet& map) {
   size_t tiles = 0;
   for (const LayerSnapshot& layer : map.layers) tiles += layer.tiles.size();
   return tiles;
@@ -221,9 +221,9 @@ absl::StatusOr<LoadedMap> MapFile::Load() {
       SQLite::Transaction transaction(*database_);  // one state, though another process may write
       return ReadMap(path_, *database_);
     });
-    if (loaded.ok() && loaded->damages.empty()) {
-      saved_ = SavedLayersOf(*loaded->map);
-      for (SavedLayer& layer : saved_) layer.tree_line = 0;  // an editor of the caller's goes on
+    if (loaded.ok() && loaded->corruption.empty()) {
+      saved_ = SavedLayersOf(loaded->set);
+      for (SavedLayer& layer : saved_) layer.tree_lineage = 0;  // an editor of the caller's goes on
       return loaded;
     }
     if (!loaded.ok() && !absl::IsDataLoss(loaded.status())) return loaded;
@@ -232,12 +232,12 @@ absl::StatusOr<LoadedMap> MapFile::Load() {
   // Closed, since SQLite's locks end when the scan closes the file.
   database_ = nullptr;
   absl::StatusOr<LoadedMap> scanned = ReadMapOfPages(path_);
-  if (scanned.ok() && (!loaded.ok() || CountTiles(*scanned->map) >= CountTiles(*loaded->map))) {
-    const bool is_all_there = scanned->damages.empty();
+  if (scanned.ok() && (!loaded.ok() || CountTiles(scanned->set) >= CountTiles(loaded->set))) {
+    const bool is_all_there = scanned->corruption.empty();
     if (!loaded.ok() || is_all_there) {
-      scanned->damages.insert(scanned->damages.begin(),
-                              ErrorText(damage_) + "; its pages are read one by one" +
-                                  (is_all_there ? ", and nothing is missing" : ""));
+      scanned->corruption.insert(scanned->corruption.begin(),
+                                 ErrorText(damage_) + "; its pages are read one by one" +
+                                     (is_all_there ? ", and nothing is missing" : ""));
     }
     loaded = std::move(scanned);
   }
@@ -247,17 +247,17 @@ absl::StatusOr<LoadedMap> MapFile::Load() {
   return loaded;
 }
 
-absl::StatusOr<std::vector<std::string>> MapFile::Save(const MapSnapshot& snapshot) {
+absl::StatusOr<std::vector<std::string>> MapFile::Save(const LayerSet& set) {
   using Problems = std::vector<std::string>;
-  SPLINEMAP_RETURN_IF_ERROR(CheckMapOptions(snapshot.options));
+  SPLINEMAP_RETURN_IF_ERROR(CheckMapOptions(set.options));
   if (!IsThere()) {
     return FailedPrecondition("{} was deleted or replaced while it was in use", path_);
   }
-  if (!damage_.ok()) return Renew(snapshot);
+  if (!damage_.ok()) return Renew(set);
   absl::StatusOr<Problems> saved = WithStatus(path_, [&]() -> absl::StatusOr<Problems> {
     if (!database_) return FailedPrecondition("{} is closed", path_);
     SQLite::Transaction transaction(*database_, SQLite::TransactionBehavior::IMMEDIATE);
-    Written written = WriteMap(snapshot, saved_, *database_);
+    Written written = WriteMap(set, saved_, *database_);
     transaction.commit();
     // So that a copy of the one file has all. Waits for nobody: what readers hold up comes with the
     // next.
@@ -270,7 +270,7 @@ absl::StatusOr<std::vector<std::string>> MapFile::Save(const MapSnapshot& snapsh
   damage_ = saved.status();
   database_ = nullptr;
   SPLINEMAP_ASSIGN_OR_RETURN(const std::string copy, KeepDamaged());
-  SPLINEMAP_ASSIGN_OR_RETURN(Problems problems, Renew(snapshot));
+  SPLINEMAP_ASSIGN_OR_RETURN(Problems problems, Renew(set));
   problems.push_back(
       fmt::format("{}; it is written anew, and was kept as {}", ErrorText(saved.status()), copy));
   return problems;
@@ -301,11 +301,11 @@ absl::StatusOr<std::string> MapFile::KeepDamaged() const {
 }
 
 // Goes on in a new file that replaces the damaged one.
-absl::StatusOr<std::vector<std::string>> MapFile::Renew(const MapSnapshot& snapshot) {
+absl::StatusOr<std::vector<std::string>> MapFile::Renew(const LayerSet& set) {
   const std::string part = TemporaryPathFor(path_);
   const absl::Cleanup remove_part = [&] { Remove(part); };
   SPLINEMAP_ASSIGN_OR_RETURN(MapFile fresh, Open(part));
-  SPLINEMAP_ASSIGN_OR_RETURN(std::vector<std::string> problems, fresh.Save(snapshot));
+  SPLINEMAP_ASSIGN_OR_RETURN(std::vector<std::string> problems, fresh.Save(set));
   SPLINEMAP_RETURN_IF_ERROR(fresh.Close());
   SPLINEMAP_RETURN_IF_ERROR(MoveOver(part, path_));
   std::vector<SavedLayer> saved = std::move(fresh.saved_);
@@ -317,7 +317,7 @@ absl::StatusOr<std::vector<std::string>> MapFile::Renew(const MapSnapshot& snaps
 bool MapFile::IsThere() const { return lock_ != nullptr && lock_->Holds(path_); }
 
 absl::StatusOr<std::vector<std::string>> MapFile::SaveElsewhere(const std::string& path,
-                                                                const MapSnapshot& snapshot) {
+                                                                const LayerSet& set) {
   if (!IsThere()) {
     // What its -wal has would be taken for what replaced it, unless that is in use already.
     database_ = nullptr;
@@ -332,7 +332,7 @@ absl::StatusOr<std::vector<std::string>> MapFile::SaveElsewhere(const std::strin
   close(created);
   const auto save = [&]() -> absl::StatusOr<std::vector<std::string>> {
     SPLINEMAP_ASSIGN_OR_RETURN(MapFile fresh, Open(path));
-    SPLINEMAP_ASSIGN_OR_RETURN(std::vector<std::string> problems, fresh.Save(snapshot));
+    SPLINEMAP_ASSIGN_OR_RETURN(std::vector<std::string> problems, fresh.Save(set));
     *this = std::move(fresh);
     return problems;
   };

@@ -6,7 +6,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "lib/map/map.h"
+#include "lib/layers/layer_set.h"
 #include "lib/store/map_records.h"
 
 namespace SQLite {
@@ -51,13 +51,13 @@ class MapFile {
   // (lib/map/validity.h), or that the file was damaged and is written anew. After a failure (the
   // disk is full, the file was deleted or replaced) the file is as it was, and the next save writes
   // what this one did not.
-  absl::StatusOr<std::vector<std::string>> Save(const MapSnapshot& snapshot);
+  absl::StatusOr<std::vector<std::string>> Save(const LayerSet& set);
 
   // The same for all of the map, in a new file at `path`, where nothing may stand, and goes on
   // there: for a file that is not there any more or cannot be written. After a failure nothing has
   // changed.
   absl::StatusOr<std::vector<std::string>> SaveElsewhere(const std::string& path,
-                                                         const MapSnapshot& snapshot);
+                                                         const LayerSet& set);
 
   // False where the file was deleted or replaced, or its folder is gone.
   bool IsThere() const;
@@ -73,7 +73,7 @@ class MapFile {
   MapFile(std::string path, std::unique_ptr<Lock> lock, std::unique_ptr<SQLite::Database> database);
   static absl::StatusOr<MapFile> OpenDatabase(const std::string& path, std::unique_ptr<Lock> lock);
   absl::StatusOr<std::string> KeepDamaged() const;
-  absl::StatusOr<std::vector<std::string>> Renew(const MapSnapshot& snapshot);
+  absl::StatusOr<std::vector<std::string>> Renew(const LayerSet& set);
 
   std::string path_;
   std::unique_ptr<Lock> lock_;                  // of a writer; outlives database_

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <deque>
 #include <limits>
 #include <map>
 #include <memory>
@@ -17,10 +18,10 @@
 #include "absl/strings/escaping.h"
 #include "lib/base/host_clock.h"
 #include "lib/base/status.h"
-#include "lib/map/tile_update.h"
-#include "lib/map/validity.h"
+#include "lib/layers/validity.h"
 #include "lib/store/page_scan.h"
 #include "lib/store/records.pb.h"
+#include "lib/tiles/tile_codec.h"
 
 namespace splinemap {
 namespace {
@@ -90,27 +91,23 @@ store::LayerName ToRecord(const LayerId& id) {
 
 LayerId FromRecord(const store::LayerName& record) { return {record.name(), record.origin()}; }
 
-store::ControlRecord ToRecord(const LayerId& id, const LayerControl& control) {
-  store::ControlRecord record;
+store::SettingsRecord ToRecord(const LayerId& id, const LayerSettings& setting) {
+  store::SettingsRecord record;
   *record.mutable_layer() = ToRecord(id);
-  record.set_muted(control.muted);
-  record.set_yields(control.yields);
-  record.set_shift_i(control.shift.i);
-  record.set_shift_j(control.shift.j);
-  record.set_x_m(control.alignment[0]);
-  record.set_y_m(control.alignment[1]);
-  record.set_yaw_rad(control.alignment[2]);
-  record.set_counter(control.counter);
-  record.set_writer(control.writer);
-  record.set_removed_up_to(control.removed_up_to);
+  record.set_muted(setting.muted);
+  record.set_low_weight(setting.low_weight);
+  record.set_shift_i(setting.shift.i);
+  record.set_shift_j(setting.shift.j);
+  record.set_counter(setting.counter);
+  record.set_writer(setting.writer);
+  record.set_removed_up_to(setting.removed_up_to);
   return record;
 }
 
-LayerControl FromRecord(const store::ControlRecord& record) {
+LayerSettings FromRecord(const store::SettingsRecord& record) {
   return {.muted = record.muted(),
-          .yields = record.yields(),
+          .low_weight = record.low_weight(),
           .shift = {record.shift_i(), record.shift_j()},
-          .alignment = {record.x_m(), record.y_m(), record.yaw_rad()},
           .counter = record.counter(),
           .writer = record.writer(),
           .removed_up_to = record.removed_up_to()};
@@ -213,13 +210,13 @@ class MapReader {
  public:
   explicit MapReader(std::string path) : path_(std::move(path)) {}
 
-  void TakeMapRow(const std::string& bytes) {
+  void ReadMapRow(const std::string& bytes) {
     has_rows_ = true;
     const auto record = RecordOf<store::MapRecord>(bytes);
     if (record && OptionsOf(*record)) map_record_ = *record;
   }
 
-  void TakeLayerRow(int64_t row, const std::string& bytes) {
+  void ReadLayerRow(int64_t row, const std::string& bytes) {
     has_rows_ = true;
     const auto record = RecordOf<store::LayerRecord>(bytes);
     if (!record) return Damage("the record of a layer cannot be read");
@@ -242,7 +239,7 @@ class MapReader {
     }
     if (!map_record_)
       return DataLoss("{} is damaged: no record of its knot interval is left", path_);
-    map_ = std::make_unique<Map>(*OptionsOf(*map_record_));
+    set_.options = *OptionsOf(*map_record_);
     for (const store::LayerRecord& copy : map_record_->layer()) {
       if (records_.try_emplace(copy.row(), copy).second) {
         Damage(fmt::format("the record of layer {} cannot be read; its copy is used",
@@ -260,7 +257,7 @@ class MapReader {
     return rows;
   }
 
-  void TakeTile(const TileRow& row) {
+  void HandleTile(const TileRow& row) {
     const auto found = layers_.find(row.layer);
     if (found == layers_.end()) return;  // of a layer that is gone; WriteMap() deletes them
     Reading& reading = found->second;
@@ -271,7 +268,7 @@ class MapReader {
       return;
     }
     reading.tally.Add(*key, row.revision);
-    if (const auto tile = TileOfRow(row, *key, map_->options().limits); tile.ok()) {
+    if (const auto tile = TileOfRow(row, *key, set_.options.limits); tile.ok()) {
       reading.layer->RestoreTile(*key, std::make_shared<const Tile>(*tile), row.revision);
     } else {
       DamageOf(reading, ErrorText(tile.status()));
@@ -286,29 +283,30 @@ class MapReader {
                                     "or other revisions",
                                     reading.tally.tiles, record.tiles()));
     }
-    if (map_->layers().size() != map_record_->layers()) {
-      Damage(fmt::format("{} layers in place of {}", map_->layers().size(), map_record_->layers()));
+    if (read_.size() != map_record_->layers()) {
+      Damage(fmt::format("{} layers in place of {}", read_.size(), map_record_->layers()));
     }
     if (map_record_->has_own_layer()) {
       const LayerId own = FromRecord(map_record_->own_layer());
       if (const absl::Status status = CheckLayerId(own); status.ok()) {
-        map_->SetOwnLayer(own);
+        set_.own_layer = own;
       } else {
         Damage("the layer that goes on here cannot be: " + ErrorText(status));
       }
     }
-    LayerControls controls;
-    for (const store::ControlRecord& record : map_record_->controls()) {
+    SettingsTable settings;
+    for (const store::SettingsRecord& record : map_record_->settings()) {
       const LayerId id = FromRecord(record.layer());
-      const LayerControl control = FromRecord(record);
-      if (CheckLayerId(id).ok() && control.IsValid() &&
-          (controls.Take(id, control) || controls.Of(id) == control)) {
+      const LayerSettings setting = FromRecord(record);
+      if (CheckLayerId(id).ok() && setting.IsValid() &&
+          (settings.Merge(id, setting) || settings.Of(id) == setting)) {
         continue;
       }
-      Damage(fmt::format("a decision about layer {} cannot be", Shown(id.name)));
+      Damage(fmt::format("a setting about layer {} cannot be", Shown(id.name)));
     }
-    map_->SetControls(std::move(controls));
-    return {map_->Snapshot(), std::move(damages_), {}};
+    set_.settings = std::move(settings);
+    for (Layer& layer : read_) set_.layers.push_back(layer.Snapshot());
+    return {std::move(set_), std::move(corruption_), {}};
   }
 
  private:
@@ -319,7 +317,7 @@ class MapReader {
   };
 
   void Damage(const std::string& damage) {
-    damages_.push_back(fmt::format("{}: {}", path_, damage));
+    corruption_.push_back(fmt::format("{}: {}", path_, damage));
   }
   void DamageOf(const Reading& reading, const std::string& damage) {
     Damage(fmt::format("layer {}: {}", Shown(reading.layer->id().name), damage));
@@ -330,22 +328,22 @@ class MapReader {
   void AddLayer(int64_t row, const store::LayerRecord& record) {
     if (layers_.contains(row)) return;
     const LayerId id{record.name(), record.origin()};
-    const bool is_twice = std::any_of(map_->layers().begin(), map_->layers().end(),
+    const bool is_twice = std::any_of(read_.begin(), read_.end(),
                                       [&](const Layer& layer) { return layer.id() == id; });
     if (const absl::Status status = CheckLayerId(id); !status.ok() || is_twice) {
       Damage(is_twice ? fmt::format("layer {} is there twice", Shown(id.name))
                       : "a layer cannot be: " + ErrorText(status));
       return;
     }
-    LayerEpoch epoch{record.incarnation(), record.nonce()};
-    const absl::Status epoch_status = CheckEpoch(epoch);
-    if (!epoch_status.ok()) epoch = {};
+    SessionId session{record.session_number(), record.nonce()};
+    const absl::Status session_status = CheckSessionId(session);
+    if (!session_status.ok()) session = {};
     const absl::Status revision_status = CheckRevision(record.revision());
-    Layer& layer = map_->AddLayer(id, epoch);
+    Layer& layer = read_.emplace_back(id, session);
     if (revision_status.ok()) layer.RestoreRevision(record.revision());
     const Reading& reading =
         layers_[row] = {&layer, revision_status.ok() ? record.revision() : kMaxRevision, {}};
-    for (const absl::Status& status : {epoch_status, revision_status}) {
+    for (const absl::Status& status : {session_status, revision_status}) {
       if (!status.ok()) DamageOf(reading, ErrorText(status));
     }
   }
@@ -355,12 +353,13 @@ class MapReader {
   std::optional<store::MapRecord> map_record_;
   std::optional<store::MapRecord> map_copy_;
   std::map<int64_t, store::LayerRecord> records_;  // by the layer's id in the tables
-  std::unique_ptr<Map> map_;
+  LayerSet set_;
+  std::deque<Layer> read_;
   std::map<int64_t, Reading> layers_;
-  std::vector<std::string> damages_;
+  std::vector<std::string> corruption_;
 };
 
-store::MapRecord MapRecordOf(const MapSnapshot& map, size_t layers,
+store::MapRecord MapRecordOf(const LayerSet& map, size_t layers,
                              std::vector<std::string>& left_out) {
   store::MapRecord record;
   record.set_knot_interval_m(map.options.knot_interval_m);
@@ -370,11 +369,11 @@ store::MapRecord MapRecordOf(const MapSnapshot& map, size_t layers,
   if (map.own_layer && CheckLayerId(*map.own_layer).ok()) {
     *record.mutable_own_layer() = ToRecord(*map.own_layer);
   }
-  for (const auto& [id, control] : map.controls.records()) {
-    if (CheckLayerId(id).ok() && control.IsValid()) {
-      *record.add_controls() = ToRecord(id, control);
+  for (const auto& [id, setting] : map.settings.records()) {
+    if (CheckLayerId(id).ok() && setting.IsValid()) {
+      *record.add_settings() = ToRecord(id, setting);
     } else {
-      left_out.push_back(fmt::format("a decision about layer {} that cannot be", Shown(id.name)));
+      left_out.push_back(fmt::format("a setting about layer {} that cannot be", Shown(id.name)));
     }
   }
   return record;
@@ -389,8 +388,8 @@ store::LayerRecord LayerRecordOf(const LayerSnapshot& layer, int64_t row,
   store::LayerRecord record;
   record.set_name(layer.id.name);
   record.set_origin(layer.id.origin);
-  record.set_incarnation(layer.epoch.incarnation);
-  record.set_nonce(layer.epoch.nonce);
+  record.set_session_number(layer.session.number);
+  record.set_nonce(layer.session.nonce);
   record.set_revision(layer.revision);
   record.set_saved_utime(HostUtime());
   record.set_tiles(tally.tiles);
@@ -399,9 +398,9 @@ store::LayerRecord LayerRecordOf(const LayerSnapshot& layer, int64_t row,
   return record;
 }
 
-absl::Status CheckLayer(const MapSnapshot& map, const LayerSnapshot& layer) {
+absl::Status CheckLayer(const LayerSet& map, const LayerSnapshot& layer) {
   SPLINEMAP_RETURN_IF_ERROR(CheckLayerId(layer.id));
-  SPLINEMAP_RETURN_IF_ERROR(CheckEpoch(layer.epoch));
+  SPLINEMAP_RETURN_IF_ERROR(CheckSessionId(layer.session));
   SPLINEMAP_RETURN_IF_ERROR(CheckRevision(layer.revision));
   const auto first = std::find_if(map.layers.begin(), map.layers.end(),
                                   [&](const LayerSnapshot& other) { return other.id == layer.id; });
@@ -418,7 +417,7 @@ absl::Status CheckTileOf(const LayerSnapshot& layer, TileKey key, const TileTree
   return CheckTile(key, *entry.tile, limits);
 }
 
-// Writes what changed since the tree's epoch `since`; `left_out` has the keys that cannot be.
+// Writes what changed since the tree's version `since`; `left_out` has the keys that cannot be.
 void WriteTiles(const LayerSnapshot& layer, int64_t layer_row, uint64_t since, ControlLimits limits,
                 SQLite::Database& database, std::set<TileKey>& left_out) {
   SQLite::Statement put(database,
@@ -505,14 +504,15 @@ void DeleteSomeOld(const std::vector<int64_t>& rows, SQLite::Database& database)
 }  // namespace
 
 bool SavedLayer::GoesOnAs(const LayerSnapshot& layer) const {
-  const bool is_same = tree_line == 0 ? layer.id == id : layer.tiles.line() == tree_line;
+  const bool is_same = tree_lineage == 0 ? layer.id == id : layer.tiles.lineage() == tree_lineage;
   return is_same && layer.tiles.size() >= num_tiles;
 }
 
-std::vector<SavedLayer> SavedLayersOf(const MapSnapshot& map) {
+std::vector<SavedLayer> SavedLayersOf(const LayerSet& map) {
   std::vector<SavedLayer> saved;
   for (const LayerSnapshot& layer : map.layers) {
-    saved.push_back({layer.id, layer.tiles.epoch(), layer.tiles.line(), layer.tiles.size(), {}});
+    saved.push_back(
+        {layer.id, layer.tiles.version(), layer.tiles.lineage(), layer.tiles.size(), {}});
   }
   return saved;
 }
@@ -560,10 +560,10 @@ absl::Status CheckSchema(const std::string& path, SQLite::Database& database) {
 absl::StatusOr<LoadedMap> ReadMap(const std::string& path, SQLite::Database& database) {
   MapReader reader(path);
   SQLite::Statement map_row(database, "SELECT record FROM map");
-  while (map_row.executeStep()) reader.TakeMapRow(map_row.getColumn(0).getString());
+  while (map_row.executeStep()) reader.ReadMapRow(map_row.getColumn(0).getString());
   SQLite::Statement layers(database, "SELECT id, record FROM layer ORDER BY id");
   while (layers.executeStep()) {
-    reader.TakeLayerRow(layers.getColumn(0).getInt64(), layers.getColumn(1).getString());
+    reader.ReadLayerRow(layers.getColumn(0).getInt64(), layers.getColumn(1).getString());
   }
   if (database.execAndGet("SELECT EXISTS (SELECT 1 FROM tile)").getInt() != 0) reader.NoteTiles();
   SPLINEMAP_RETURN_IF_ERROR(reader.BeginTiles());
@@ -572,9 +572,9 @@ absl::StatusOr<LoadedMap> ReadMap(const std::string& path, SQLite::Database& dat
   for (const int64_t row : reader.LayerRows()) {
     tiles.bind(1, row);
     while (tiles.executeStep()) {
-      reader.TakeTile({row, tiles.getColumn(0).getInt64(), tiles.getColumn(1).getInt64(),
-                       FromSql(tiles.getColumn(2).getInt64()),
-                       FromSql(tiles.getColumn(3).getInt64()), tiles.getColumn(4).getString()});
+      reader.HandleTile({row, tiles.getColumn(0).getInt64(), tiles.getColumn(1).getInt64(),
+                         FromSql(tiles.getColumn(2).getInt64()),
+                         FromSql(tiles.getColumn(3).getInt64()), tiles.getColumn(4).getString()});
     }
     tiles.reset();
   }
@@ -586,18 +586,18 @@ absl::StatusOr<LoadedMap> ReadMapOfPages(const std::string& path) {
   SPLINEMAP_RETURN_IF_ERROR(
       ForEachRowOfPages(path, [&](int64_t rowid, absl::Span<const PageColumn> columns) {
         if (HasForm(columns, kTileForm)) reader.NoteTiles();
-        if (HasForm(columns, kMapForm)) reader.TakeMapRow(std::string(columns[1].bytes));
+        if (HasForm(columns, kMapForm)) reader.ReadMapRow(std::string(columns[1].bytes));
         if (HasForm(columns, kLayerForm)) {
-          reader.TakeLayerRow(rowid, std::string(columns[3].bytes));
+          reader.ReadLayerRow(rowid, std::string(columns[3].bytes));
         }
       }));
   SPLINEMAP_RETURN_IF_ERROR(reader.BeginTiles());
   SPLINEMAP_RETURN_IF_ERROR(
       ForEachRowOfPages(path, [&](int64_t, absl::Span<const PageColumn> columns) {
         if (!HasForm(columns, kTileForm)) return;
-        reader.TakeTile({columns[0].integer, columns[1].integer, columns[2].integer,
-                         FromSql(columns[3].integer), FromSql(columns[4].integer),
-                         std::string(columns[5].bytes)});
+        reader.HandleTile({columns[0].integer, columns[1].integer, columns[2].integer,
+                           FromSql(columns[3].integer), FromSql(columns[4].integer),
+                           std::string(columns[5].bytes)});
       }));
   return reader.Finish();
 }
@@ -615,7 +615,7 @@ bool PagesHoldMap(const std::string& path) {
   return read.ok() && holds_map;
 }
 
-Written WriteMap(const MapSnapshot& map, const std::vector<SavedLayer>& saved,
+Written WriteMap(const LayerSet& map, const std::vector<SavedLayer>& saved,
                  SQLite::Database& database) {
   Written written;
   const std::map<LayerId, int64_t> known_rows = RowsOfLayers(database);
@@ -632,14 +632,15 @@ Written WriteMap(const MapSnapshot& map, const std::vector<SavedLayer>& saved,
           fmt::format("layer {} that cannot be: {}", Shown(layer.id.name), ErrorText(status)));
       continue;
     }
-    SavedLayer state{layer.id, layer.tiles.epoch(), layer.tiles.line(), layer.tiles.size(), {}};
+    SavedLayer state{
+        layer.id, layer.tiles.version(), layer.tiles.lineage(), layer.tiles.size(), {}};
     uint64_t since = 0;
     int64_t row = 0;
     for (const SavedLayer& known : saved) {
       const auto known_row = known_rows.find(known.id);
       if (!known.GoesOnAs(layer) || known_row == known_rows.end()) continue;
       row = known_row->second;
-      since = known.tree_epoch;
+      since = known.tree_version;
       state.left_out = known.left_out;
     }
     if (row == 0) row = NextUnusedRow(last_row, in_use);

@@ -8,7 +8,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "lib/map/map.h"
+#include "lib/layers/layer_set.h"
 
 namespace SQLite {
 class Database;
@@ -20,17 +20,17 @@ namespace splinemap {
 // SQLite fails; `path` is what errors call the database.
 
 struct LoadedMap {
-  std::shared_ptr<const MapSnapshot> map;
+  LayerSet set;
   // What was damaged and left out, a line each.
-  std::vector<std::string> damages;
+  std::vector<std::string> corruption;
   std::string kept_copy;  // of the damaged file, where MapFile::Load() made one
 };
 
 // A layer that the rows hold already, up to this state of its tiles.
 struct SavedLayer {
   LayerId id;
-  uint64_t tree_epoch = 0;
-  uint64_t tree_line = 0;  // 0 where it was loaded, and somebody else goes on with it
+  uint64_t tree_version = 0;
+  uint64_t tree_lineage = 0;  // 0 where it was loaded, and somebody else goes on with it
   size_t num_tiles = 0;
   std::set<TileKey> left_out;  // they cannot be
 
@@ -38,7 +38,7 @@ struct SavedLayer {
   // another name by now.
   bool GoesOnAs(const LayerSnapshot& layer) const;
 };
-std::vector<SavedLayer> SavedLayersOf(const MapSnapshot& map);
+std::vector<SavedLayer> SavedLayersOf(const LayerSet& map);
 
 // True for a database that nobody has used yet.
 bool IsUnused(SQLite::Database& database);
@@ -67,9 +67,9 @@ struct Written {
 // Writes the layers of `saved` that go on as far as they changed and all others whole; of layers
 // that do not go on, and of those that are not in `saved`, nothing that the database held is read
 // any more, and some thousand rows are deleted with each call. What
-// validity.h and LayerControl::IsValid() refuse is left out. Requires options that can be, and a
+// validity.h and LayerSettings::IsValid() refuse is left out. Requires options that can be, and a
 // transaction.
-Written WriteMap(const MapSnapshot& map, const std::vector<SavedLayer>& saved,
+Written WriteMap(const LayerSet& map, const std::vector<SavedLayer>& saved,
                  SQLite::Database& database);
 
 }  // namespace splinemap

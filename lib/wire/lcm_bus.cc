@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <netinet/tcp.h>
 #include <poll.h>
+#include <sys/eventfd.h>
 #include <sys/select.h>
 #include <sys/socket.h>
 #include <sys/time.h>
@@ -29,7 +30,7 @@ using std::chrono::milliseconds;
 // in silence.
 constexpr int kQueueCapacity = 10'000;
 
-constexpr std::chrono::seconds kLookInterval(1);
+constexpr std::chrono::seconds kCheckInterval(1);
 
 // LCM takes a channel for a regular expression ^channel$, without a group around it.
 std::string Literal(const std::string& channel) {
@@ -92,14 +93,21 @@ absl::StatusOr<std::unique_ptr<LcmBus>> LcmBus::Open(const std::string& url) {
   SPLINEMAP_ASSIGN_OR_RETURN(BusAddress address, BusAddress::Parse(url));
   std::unique_ptr<LcmBus> bus(new LcmBus(std::move(address)));
   if (bus->address_.is_network()) {
-    bus->LookAfterReceiver();
+    bus->CheckReceiver();
   } else {
     SPLINEMAP_RETURN_IF_ERROR(bus->ConnectReceiver());
   }
   return bus;
 }
 
-LcmBus::~LcmBus() = default;
+LcmBus::LcmBus(BusAddress address)
+    : address_(std::move(address)), wake_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {}
+
+LcmBus::~LcmBus() {
+  if (wake_ >= 0) close(wake_);
+}
+
+void LcmBus::Wake() { eventfd_write(wake_, 1); }
 
 absl::StatusOr<LcmBus::Lcm> LcmBus::Connect() const {
   SPLINEMAP_RETURN_IF_ERROR(CheckDescriptors());
@@ -145,7 +153,7 @@ absl::Status LcmBus::ConnectReceiver() {
   return absl::OkStatus();
 }
 
-void LcmBus::LookAfterReceiver() {
+void LcmBus::CheckReceiver() {
   if (!address_.is_network() || Clock::now() < next_look_) return;
   // A connection to a server tells when it breaks. Multicast does not, and an interface that comes
   // back has forgotten who listens.
@@ -159,12 +167,12 @@ void LcmBus::LookAfterReceiver() {
   SetProblem(receive_problem_, status);
   if (status.ok() && !Problem().empty()) {  // though nobody publishes at the moment
     MutexLock lock(publish_mutex_);
-    LookAfterSender();
+    CheckSender();
   }
-  next_look_ = Clock::now() + kLookInterval;
+  next_look_ = Clock::now() + kCheckInterval;
 }
 
-void LcmBus::LookAfterSender() {
+void LcmBus::CheckSender() {
   if (sender_ || Clock::now() < next_try_) return;
   absl::Status status = address_.Reach();
   if (status.ok()) {
@@ -173,7 +181,7 @@ void LcmBus::LookAfterSender() {
     if (lcm.ok()) sender_ = *std::move(lcm);
   }
   SetProblem(send_problem_, status);
-  next_try_ = Clock::now() + kLookInterval;
+  next_try_ = Clock::now() + kCheckInterval;
 }
 
 // liblcm gives connections to a server that are none, and aborts when they are used. With multicast
@@ -200,7 +208,7 @@ std::string LcmBus::Problem() const {
   return receive_problem_.empty() ? send_problem_ : receive_problem_;
 }
 
-std::optional<std::string> LcmBus::TakeNews() {
+std::optional<std::string> LcmBus::DrainNews() {
   std::string problem = Problem();
   if (std::exchange(is_problem_told_, !problem.empty()) == !problem.empty()) return std::nullopt;
   return problem.empty() ? fmt::format("the LCM bus {} works again", address_.url()) : problem;
@@ -219,12 +227,12 @@ void LcmBus::PublishBytes(const std::string& channel, absl::Span<const uint8_t> 
                 static_cast<unsigned>(message.size()));
     return;
   }
-  LookAfterSender();
+  CheckSender();
   if (!sender_) return;
   lcm_publish(sender_.get(), channel.c_str(), message.data(),
               static_cast<unsigned>(message.size()));
   // liblcm closes a connection that breaks. Datagrams have none; what stands in their way is found
-  // by LookAfterReceiver().
+  // by CheckReceiver().
   if (IsClosed(sender_.get())) {
     sender_.reset();
     SetProblem(send_problem_, Broke());
@@ -234,25 +242,26 @@ void LcmBus::PublishBytes(const std::string& channel, absl::Span<const uint8_t> 
 LcmBus::Handled LcmBus::Handle(milliseconds timeout) {
   const Clock::time_point end = Clock::now() + timeout;
   while (true) {
-    LookAfterReceiver();
+    CheckReceiver();
     const auto left =
         std::max(std::chrono::ceil<milliseconds>(end - Clock::now()), milliseconds(0));
-    const auto wait = std::min<milliseconds>(left, kLookInterval);
-    if (!receiver_) {
-      std::this_thread::sleep_for(wait);
-    } else {
-      pollfd descriptor{lcm_get_fileno(receiver_.get()), POLLIN, 0};
-      if (poll(&descriptor, 1, static_cast<int>(wait.count())) > 0) {
-        if (lcm_handle(receiver_.get()) >= 0) return Handled::kMessage;
-        SetProblem(receive_problem_, Broke());
-        if (!address_.is_network()) {  // a log at its end
-          std::this_thread::sleep_for(wait);
-          return Handled::kBroken;
-        }
-        receiver_.reset();
+    const auto wait = std::min<milliseconds>(left, kCheckInterval);
+    // A negative descriptor is ignored.
+    pollfd descriptors[] = {{wake_, POLLIN, 0},
+                            {receiver_ ? lcm_get_fileno(receiver_.get()) : -1, POLLIN, 0}};
+    poll(descriptors, std::size(descriptors), static_cast<int>(wait.count()));
+    if (descriptors[1].revents != 0) {
+      if (lcm_handle(receiver_.get()) >= 0) return Handled::kMessage;
+      SetProblem(receive_problem_, Broke());
+      if (!address_.is_network()) {  // a log at its end
+        std::this_thread::sleep_for(wait);
+        return Handled::kBroken;
       }
+      receiver_.reset();
     }
-    if (Clock::now() >= end) return receiver_ ? Handled::kNothing : Handled::kBroken;
+    eventfd_t wakes = 0;
+    const bool is_woken = eventfd_read(wake_, &wakes) == 0;
+    if (is_woken || Clock::now() >= end) return receiver_ ? Handled::kNothing : Handled::kBroken;
   }
 }
 

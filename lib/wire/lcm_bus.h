@@ -23,7 +23,7 @@ namespace splinemap {
 // A connection to an LCM bus. A network that is not there, or goes away, is a problem, not an
 // error: it is looked for once a second and, when it is there, everything is subscribed to again.
 // What is published meanwhile is lost. Messages come as bytes: what they claim to be is not checked
-// here. One thread calls Subscribe(), Handle() and TakeNews(); the rest is thread-safe.
+// here. One thread calls Subscribe(), Handle() and DrainNews(); the rest is thread-safe.
 class LcmBus {
  public:
   // Runs in the thread of Handle(). A message with which it throws is lost, and counted.
@@ -47,7 +47,10 @@ class LcmBus {
   // Why the bus does not work at the moment, and what to do; empty while it does.
   std::string Problem() const;
   // Since the last call: the problem that came up, or that the bus works again.
-  std::optional<std::string> TakeNews();
+  std::optional<std::string> DrainNews();
+
+  // Ends a Handle() that waits, or the next one. Any thread.
+  void Wake();
 
   enum class Handled { kMessage, kNothing, kBroken };
   // Waits for a message and hands it to its handler. kNothing after `timeout` without one; kBroken,
@@ -72,19 +75,20 @@ class LcmBus {
     Handler handler;
   };
 
-  explicit LcmBus(BusAddress address) : address_(std::move(address)) {}
+  explicit LcmBus(BusAddress address);
   void SubscribeTo(std::string pattern, Handler handler);
   absl::StatusOr<Lcm> Connect() const;
   absl::Status SubscribeIn(lcm_t* lcm, Subscription& subscription) const;
   absl::Status ConnectReceiver();
-  void LookAfterReceiver();
-  void LookAfterSender() ABSL_EXCLUSIVE_LOCKS_REQUIRED(publish_mutex_);
+  void CheckReceiver();
+  void CheckSender() ABSL_EXCLUSIVE_LOCKS_REQUIRED(publish_mutex_);
   bool IsClosed(lcm_t* lcm) const;
   absl::Status CannotReceive() const;
   absl::Status Broke() const;
   void SetProblem(std::string& problem, const absl::Status& status);
 
   const BusAddress address_;
+  const int wake_;  // an eventfd
 
   // Of the thread that handles. In a network the two directions have a connection each, since
   // liblcm closes one that breaks under the feet of other threads.

@@ -12,8 +12,8 @@ class HostClockWatch {
 
   // How far the system clock was set, forward or back, since the last call; nothing where it was
   // less than half a second. `since_boot` counts sleep, too.
-  std::optional<Duration> Look(std::chrono::system_clock::time_point system,
-                               std::chrono::nanoseconds since_boot) {
+  std::optional<Duration> Check(std::chrono::system_clock::time_point system,
+                                std::chrono::nanoseconds since_boot) {
     const Duration offset = Duration(system.time_since_epoch()) - Duration(since_boot);
     const Duration jump = last_offset_ ? offset - *last_offset_ : Duration(0);
     last_offset_ = offset;

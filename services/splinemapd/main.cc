@@ -1,5 +1,6 @@
 #include <pthread.h>
 #include <signal.h>
+#include <spdlog/async.h>
 #include <spdlog/pattern_formatter.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
@@ -65,7 +66,7 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->type_name("NAME")
       ->allow_extra_args(false);
   app.add_flag("--no-remote-commands", flags.no_remote_commands,
-               "Take neither commands (save, clear) nor decisions about layers from the bus");
+               "Take neither commands (save, clear) nor settings about layers from the bus");
   app.add_flag("--check-config", flags.check_config, "Check flags and configuration, and end");
   app.add_flag("--print-config", flags.print_config,
                "Print the configuration with every option explained, and end");
@@ -147,11 +148,36 @@ class PlainPayload : public spdlog::custom_flag_formatter {
   }
 };
 
-absl::Status Run(const config::Config& config) {
-  const Signals signals;
+// A terminal that is stopped, or a pipe that nobody reads, holds up the log's own thread only;
+// beyond the queue the oldest lines are lost.
+void StartLog() {
+  constexpr size_t kMaxLines = 8192;
+  spdlog::init_thread_pool(kMaxLines, 1);
+  spdlog::set_default_logger(std::make_shared<spdlog::async_logger>(
+      "splinemapd", std::make_shared<spdlog::sinks::stderr_color_sink_mt>(), spdlog::thread_pool(),
+      spdlog::async_overflow_policy::overrun_oldest));
+  auto formatter = std::make_unique<spdlog::pattern_formatter>();
+  formatter->add_flag<PlainPayload>('*').set_pattern("%H:%M:%S %^%l%$ %*");
+  spdlog::set_formatter(std::move(formatter));
+}
+
+// Lines of the log that were lost since the last call.
+void ReportLostLines(NoticeLog& notices, size_t& reported) {
+  const size_t lost = spdlog::thread_pool()->overrun_counter();
+  if (lost == reported) return;
+  notices.ReportProblem(
+      Problem::kLostLogLines, "",
+      fmt::format("{} lines of this log were lost: nobody read them", lost - reported),
+      static_cast<int64_t>(lost - reported));
+  reported = lost;
+}
+
+absl::Status Run(const config::Config& config, const Signals& signals) {
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(config.lcm_url()));
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<Daemon> daemon, Daemon::Start(config, std::move(bus)));
+  size_t lost_lines = 0;
   for (auto wish = Signals::Wish::kNothing; wish != Signals::Wish::kEnd; wish = signals.Wait()) {
+    ReportLostLines(daemon->notices(), lost_lines);
     if (wish == Signals::Wish::kSave) daemon->SaveNow();
     daemon->PublishStatus();
   }
@@ -159,10 +185,6 @@ absl::Status Run(const config::Config& config) {
 }
 
 int Main(int argc, char** argv) {
-  spdlog::set_default_logger(spdlog::stderr_color_mt("splinemapd"));
-  auto formatter = std::make_unique<spdlog::pattern_formatter>();
-  formatter->add_flag<PlainPayload>('*').set_pattern("%H:%M:%S %^%l%$ %*");
-  spdlog::set_formatter(std::move(formatter));
   CLI::App app("splinemapd: maps LCM scans and poses into a continuous occupancy map.");
   Flags flags;
   AddFlags(app, flags);
@@ -188,11 +210,12 @@ int Main(int argc, char** argv) {
     std::puts("configuration is fine");
     return 0;
   }
-  if (absl::Status status = Run(*config); !status.ok()) {
-    spdlog::error("{}", ErrorText(status));
-    return kFailed;
-  }
-  return 0;
+  const Signals signals;  // before the first thread, which takes over what is blocked
+  StartLog();
+  const absl::Status status = Run(*config, signals);
+  if (!status.ok()) spdlog::error("{}", ErrorText(status));
+  spdlog::shutdown();  // after the last line
+  return status.ok() ? 0 : kFailed;
 }
 
 }  // namespace

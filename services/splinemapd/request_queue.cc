@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "lcmtypes/splinemap/request_t.hpp"
+
 namespace splinemap {
 
 void RecentIds::Add(int64_t id) {
@@ -35,8 +37,8 @@ void RequestQueue::MoveToOwnLine(int64_t client) {
   const auto line = lines_.find(std::nullopt);
   if (line == lines_.end()) return;
   Waiting& others = line->second;
-  const auto first = std::stable_partition(others.begin(), others.end(),
-                                           [&](const auto& r) { return r.head.client != client; });
+  const auto first = std::stable_partition(
+      others.begin(), others.end(), [&](const auto& r) { return r.header.client != client; });
   Waiting own(std::make_move_iterator(first), std::make_move_iterator(others.end()));
   others.erase(first, others.end());
   if (others.empty()) {
@@ -55,20 +57,21 @@ void RequestQueue::Add(QueuedRequest request) {
   waiting.push_back(std::move(request));
 }
 
-RequestQueue::Pushed RequestQueue::Push(const request_t& head, absl::Span<const uint8_t> bytes) {
-  const RequestLine line = LineOf(head.client);
+RequestQueue::PushResult RequestQueue::Push(const request_t& header,
+                                            absl::Span<const uint8_t> bytes) {
+  const RequestLine line = LineOf(header.client);
   if (const auto found = lines_.find(line); found != lines_.end()) {
     const Waiting& waiting = found->second;
     const bool is_waiting = std::any_of(waiting.begin(), waiting.end(), [&](const auto& request) {
-      return request.head.client == head.client && request.head.id == head.id;
+      return request.header.client == header.client && request.header.id == header.id;
     });
-    if (is_waiting) return Pushed::kWaiting;
-    if (waiting.size() >= kMaxOfLine) return Pushed::kFull;
+    if (is_waiting) return PushResult::kWaiting;
+    if (waiting.size() >= kMaxOfLine) return PushResult::kFull;
   }
-  if (size_ >= kMax) return Pushed::kFull;
-  Add({head, {bytes.begin(), bytes.end()}, line});
+  if (size_ >= kMax) return PushResult::kFull;
+  Add({header, {bytes.begin(), bytes.end()}, line});
   ++size_;
-  return Pushed::kTaken;
+  return PushResult::kTaken;
 }
 
 QueuedRequest RequestQueue::Pop() {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "lib/wire/decode.h"
+#include "lcmtypes/splinemap/request_t.hpp"
 
 namespace splinemap {
 
@@ -34,7 +34,7 @@ class RecentIds {
 using RequestLine = std::optional<int64_t>;
 
 struct QueuedRequest {
-  request_t head;
+  request_t header;
   std::vector<uint8_t> bytes;
   RequestLine line = std::nullopt;
 };
@@ -48,8 +48,8 @@ class RequestQueue {
   static constexpr size_t kMaxClients = 4096;  // that are known, and that are seen once
 
   // kFull: it was not taken. kWaiting: it was sent again, and has not had its turn yet.
-  enum class Pushed { kTaken, kWaiting, kFull };
-  Pushed Push(const request_t& head, absl::Span<const uint8_t> bytes);
+  enum class PushResult { kTaken, kWaiting, kFull };
+  PushResult Push(const request_t& header, absl::Span<const uint8_t> bytes);
 
   bool empty() const { return turns_.empty(); }
   // Requires !empty().

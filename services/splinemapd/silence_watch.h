@@ -16,7 +16,7 @@ class SilenceWatch {
 
   enum class Change { kNone, kSilent, kHeardAgain };
   // `messages`: on the channel, in total.
-  Change Look(int64_t messages, Clock::time_point now) {
+  Change Check(int64_t messages, Clock::time_point now) {
     if (messages != messages_) {
       messages_ = messages;
       since_ = now;

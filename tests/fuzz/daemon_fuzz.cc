@@ -11,12 +11,15 @@
 
 #include "CLI/CLI.hpp"
 #include "absl/strings/escaping.h"
+#include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lib/base/status.h"
-#include "lib/replication/channels.h"
+#include "lib/replication/replication_message.h"
 #include "lib/store/map_file.h"
 #include "lib/wire/decode.h"
 #include "tests/support/honest_owner.h"
 #include "tests/support/lcm_fields.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/memory_daemon.h"
 #include "tests/support/random_map.h"
 #include "tests/support/valid_messages.h"
@@ -39,9 +42,9 @@ bool Chance(double probability, Random& random) {
 }
 
 // The robot's own layer, and one whose owner is away.
-std::shared_ptr<const MapSnapshot> FirstMap() {
+LayerSet FirstMap() {
   Random random(1);
-  Map map(kOptions);
+  MapWriter map(kOptions);
   for (const char* name : {"robot", "away"}) {
     Layer& layer = map.AddLayer({name, random()}, {1, random()});
     layer.BeginCommit();
@@ -49,7 +52,7 @@ std::shared_ptr<const MapSnapshot> FirstMap() {
     layer.EditTile({-1, 0}) = RandomTile(random, kOptions.limits);
   }
   map.SetOwnLayer(map.layers()[0].id());
-  return map.Snapshot();
+  return map.Layers();
 }
 
 struct Template {
@@ -60,21 +63,21 @@ struct Template {
 // Valid messages, and what their fields hold.
 class Pool {
  public:
-  // `own` is the present life of the daemon's own layer.
-  Pool(const MapSnapshot& map, const LayerLife& own, int64_t daemon_nonce) {
+  // `own` is the present session of the daemon's own layer.
+  Pool(const LayerSet& map, const LayerRef& own, int64_t daemon_nonce) {
     const LayerSnapshot& away = map.layers[1];
     for (const LayerSnapshot& layer :
-         {LayerSnapshot{own.id, own.epoch, map.layers[0].revision, map.layers[0].tiles}, away,
+         {LayerSnapshot{own.id, own.session, map.layers[0].revision, map.layers[0].tiles}, away,
           HonestOwner("owner", kOptions, 5).truth()}) {
       Add(MessagesOf(layer, kOptions), templates_);
-      Add({FalseUpdates(layer, 100), FalseUpdates(layer, 3000), ControlRecords(layer.id, 1),
-           ControlRecords({"nobody", layer.id.origin}, 1)},
+      Add({FalseUpdates(layer, 100), FalseUpdates(layer, 3000), SettingsMessage(layer.id, 1),
+           SettingsMessage({"nobody", layer.id.origin}, 1)},
           templates_);
     }
     Add(Queries(daemon_nonce), templates_);
-    Add({Command("clear", own.epoch.incarnation, daemon_nonce + 1)}, templates_);
-    Add(Decisions(away, daemon_nonce), decisions_);
-    for (std::vector<Template>* some : {&templates_, &decisions_}) {
+    Add({Command("clear", own.session.number, daemon_nonce + 1)}, templates_);
+    Add(LayerCommands(away, daemon_nonce), layer_commands_);
+    for (std::vector<Template>* some : {&templates_, &layer_commands_}) {
       for (Template& known : *some) {
         for (const LcmField& field : FieldsOf(known.message)) {
           values_[{field.value->type, field.value->name}].push_back(field.value->bytes);
@@ -83,9 +86,9 @@ class Pool {
     }
   }
 
-  // Decisions seldom: for each the daemon waits for its mapping thread, up to 50 ms.
+  // Commands about layers seldom: for each the daemon waits for its mapping thread, up to 50 ms.
   const Template& Draw(Random& random) const {
-    const std::vector<Template>& some = Chance(0.01, random) ? decisions_ : templates_;
+    const std::vector<Template>& some = Chance(0.01, random) ? layer_commands_ : templates_;
     return some[Below(some.size(), random)];
   }
   // What some field of that type and name holds.
@@ -104,7 +107,7 @@ class Pool {
 
   LcmTypes types_{SPLINEMAP_LCM_TYPES};
   std::vector<Template> templates_;
-  std::vector<Template> decisions_;
+  std::vector<Template> layer_commands_;
   std::map<std::pair<std::string, std::string>, std::vector<std::string>> values_;
 };
 
@@ -131,8 +134,8 @@ void Change(LcmValue& message, const Pool& pool, Random& random) {
 
 // Whoever knows the nonce of the daemon may clear its layer.
 bool MayClear(absl::Span<const uint8_t> message, int64_t daemon_nonce) {
-  const auto request = DecodeRpc<command_request_t>(message);
-  return request.ok() && request->head.daemon_nonce == daemon_nonce;
+  const auto request = Decode<command_request_t>(message);
+  return request.ok() && request->header.daemon_nonce == daemon_nonce;
 }
 
 // Some messages, mostly changed in one field, some doubled, in any order.
@@ -215,7 +218,7 @@ class Fuzz {
 
   absl::Status WriteFirstFile() {
     SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(config_.map()));
-    SPLINEMAP_RETURN_IF_ERROR(file.Save(*map_).status());
+    SPLINEMAP_RETURN_IF_ERROR(file.Save(map_).status());
     return file.Close();
   }
 
@@ -227,18 +230,19 @@ class Fuzz {
   absl::Status StartDaemon() {
     daemon_.reset();
     SPLINEMAP_ASSIGN_OR_RETURN(daemon_, MemoryDaemon::Start(config_));
-    SPLINEMAP_ASSIGN_OR_RETURN(const LayerLife own, OwnLife());
-    pool_.emplace(*map_, own, daemon_->nonce());
+    SPLINEMAP_ASSIGN_OR_RETURN(const LayerRef own, OwnSession());
+    pool_.emplace(map_, own, daemon_->nonce());
     return absl::OkStatus();
   }
 
-  absl::StatusOr<LayerLife> OwnLife() {
+  absl::StatusOr<LayerRef> OwnSession() {
     const auto layers = daemon_->Layers();
     if (!layers) return absl::DeadlineExceededError("the daemon does not tell its layers");
     const layer_status_t& own = layers->layers.at(0);
-    return LayerLife{{own.name, static_cast<uint64_t>(own.origin)},
-                     {static_cast<uint64_t>(own.incarnation), static_cast<uint64_t>(own.nonce)},
-                     {}};
+    return LayerRef{
+        {own.settings.name, static_cast<uint64_t>(own.settings.origin)},
+        {static_cast<uint64_t>(own.session_number), static_cast<uint64_t>(own.session_nonce)},
+        {}};
   }
 
   absl::Status RunOne(int64_t n) {
@@ -267,15 +271,18 @@ class Fuzz {
     tiles.Put({0, 0}, std::make_shared<const Tile>(tile), end_.revision);
     end_.tiles = tiles.Freeze();
     for (const ValidMessage& message : MessagesOf(end_, kOptions)) {
-      if (message.channel == kDigestChannel) daemon_->Publish("SPLINEMAP_DIGESTS", message.bytes);
-      if (message.channel == kUpdateChannel) updates_ = message.bytes;
+      if (message.type == "layer_digest_t" && SpeakerOf(message.bytes) == end_.session.nonce) {
+        daemon_->Publish("SPLINEMAP_DIGESTS", message.bytes);
+      }
+      if (message.type == "layer_updates_t") updates_ = message.bytes;
     }
     daemon_->Publish("SPLINEMAP_UPDATES", updates_);
     for (const auto deadline = Clock::now() + std::chrono::seconds(10); Clock::now() < deadline;) {
       const auto layers = daemon_->Layers();
       if (!layers) break;
       for (const layer_status_t& layer : layers->layers) {
-        if (layer.name == end_.id.name && layer.revision == static_cast<int64_t>(end_.revision)) {
+        if (layer.settings.name == end_.id.name &&
+            layer.revision == static_cast<int64_t>(end_.revision)) {
           return absl::OkStatus();
         }
       }
@@ -285,16 +292,14 @@ class Fuzz {
 
   absl::Status CheckFile() {
     SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(config_.map()));
-    if (!loaded.damages.empty()) return absl::DataLossError(loaded.damages[0]);
-    const MapSnapshot& map = *loaded.map;
+    if (!loaded.corruption.empty()) return absl::DataLossError(loaded.corruption[0]);
+    const LayerSet& map = loaded.set;
     if (!map.own_layer) return absl::DataLossError("the file does not say which layer is its own");
-    const auto saved =
-        std::find_if(map.layers.begin(), map.layers.end(),
-                     [&](const LayerSnapshot& layer) { return layer.id == *map.own_layer; });
-    if (saved == map.layers.end()) return absl::DataLossError("the file lacks the own layer");
-    if (HaveSameTiles(saved->tiles, map_->layers[0].tiles)) return absl::OkStatus();
-    // By a decision that all may make.
-    if (map.controls.Of(saved->id).removed_up_to > 0 && saved->tiles.size() == 0) {
+    const LayerSnapshot* saved = map.Find(*map.own_layer);
+    if (saved == nullptr) return absl::DataLossError("the file lacks the own layer");
+    if (HaveSameTiles(saved->tiles, map_.layers[0].tiles)) return absl::OkStatus();
+    // By a setting that all may make.
+    if (map.settings.Of(saved->id).removed_up_to > 0 && saved->tiles.size() == 0) {
       return BeginAnew();
     }
     return absl::DataLossError("the own layer has changed");
@@ -303,7 +308,7 @@ class Fuzz {
   const std::string folder_;
   const uint64_t seed_;
   const bool is_verbose_;
-  const std::shared_ptr<const MapSnapshot> map_;
+  const LayerSet map_;
   config::Config config_;
   std::unique_ptr<MemoryDaemon> daemon_;
   std::optional<Pool> pool_;

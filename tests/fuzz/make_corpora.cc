@@ -13,17 +13,27 @@
 #include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
+#include "lcmtypes/splinemap/command_reply_t.hpp"
+#include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/layer_command_request_t.hpp"
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_ref_t.hpp"
+#include "lcmtypes/splinemap/layer_settings_t.hpp"
+#include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/layers_t.hpp"
+#include "lcmtypes/splinemap/settings_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
+#include "lcmtypes/splinemap/tile_update_t.hpp"
 #include "lib/logs/lcm_log.h"
-#include "lib/map/tile_update.h"
 #include "lib/rpc/messages.h"
 #include "lib/store/map_file.h"
+#include "lib/tiles/tile_codec.h"
 #include "lib/wire/encode.h"
 #include "tests/fuzz/fuzz.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap {
@@ -111,35 +121,34 @@ class CorpusMaker {
   }
 
   void LayerMessages() {
-    layer_epoch_t layer{};
+    layer_ref_t layer{};
     layer.name = "robot";
     layer.origin = 1;
-    layer.incarnation = 2;
-    layer.nonce = 3;
+    layer.session_number = 2;
+    layer.session_nonce = 3;
 
     layer_digest_t digest{};
+    digest.speaker = 3;
     digest.layer = layer;
-    digest.protocol_version = 1;
+    digest.protocol_version = 2;
     digest.knot_interval_m = 0.05;
     digest.min_control_point = -2560;
     digest.max_control_point = 2560;
     digest.root_level = 1;
     WriteMessage("layer_digest/empty", 0, digest);
 
-    stand_in_digest_t stand_in{};
-    stand_in.daemon_nonce = 4;
-    stand_in.digest = digest;
-    WriteMessage("stand_in_digest/empty", 0, stand_in);
+    digest.speaker = 4;
+    WriteMessage("layer_digest/of_proxy", 0, digest);
 
-    control_records_t records{};
-    WriteMessage("control_records/none", 0, records);
-    records.num_records = 2;
-    records.records.resize(2);
-    for (layer_control_t& record : records.records) {
-      record = {};
-      record.name = "robot";
+    settings_t settings{};
+    WriteMessage("settings/none", 0, settings);
+    settings.num_layers = 2;
+    settings.layers.resize(2);
+    for (layer_settings_t& one : settings.layers) {
+      one = {};
+      one.name = "robot";
     }
-    WriteMessage("control_records/two", 0, records);
+    WriteMessage("settings/two", 0, settings);
 
     layers_t layers{};
     layers.name = "robot";
@@ -149,12 +158,13 @@ class CorpusMaker {
     layers.layers.resize(2);
     for (layer_status_t& status : layers.layers) {
       status = {};
-      status.name = "robot";
+      status.settings.name = "robot";
       status.state = "live";
     }
     WriteMessage("layers/two", 0, layers);
 
     layer_updates_t updates{};
+    updates.speaker = 3;
     updates.layer = layer;
     WriteMessage("layer_updates/none", 0, updates);
     updates.num_tiles = 2;
@@ -170,6 +180,7 @@ class CorpusMaker {
     WriteMessage("layer_updates/two_tiles", 0, updates);
 
     layer_listing_t listing{};
+    listing.speaker = 3;
     listing.layer = layer;
     listing.num_nodes = 2;
     listing.nodes.resize(2);
@@ -181,6 +192,7 @@ class CorpusMaker {
     WriteMessage("layer_listing/two_nodes", 0, listing);
 
     layer_pull_t pull{};
+    pull.speaker = 5;
     pull.layer = layer;
     pull.num_nodes = 2;
     pull.levels = {0, 1};
@@ -192,14 +204,14 @@ class CorpusMaker {
   template <typename Query>
   void WriteRequest(const std::string& name, const Query& query, size_t size) {
     auto request = ToMessage(query, {0, size});
-    request.head.client = 1;
-    request.head.id = 2;
+    request.header.client = 1;
+    request.header.id = 2;
     WriteMessage(name, 1, request);
   }
   template <typename Answer>
   void WriteReply(const std::string& name, const Answer& answer, uint8_t asked) {
     auto reply = ToMessage(answer);
-    reply.head.name = "robot";
+    reply.header.name = "robot";
     WriteMessage(name, asked, reply);
   }
 
@@ -208,7 +220,7 @@ class CorpusMaker {
     WriteRequest("points_request/two", PointsQuery{points_m, true}, 2);
     WriteRequest("points_request/none", PointsQuery{}, 0);
     WriteRequest("rays_request/two", RaysQuery{{{{0, 0}, 1, 2}, {{1, 1}, -2, 30}}}, 2);
-    WriteRequest("rays_request/passing", RaysQuery{{{{0, 0}, 1, 2}}, 0.5, Unknown::kPasses}, 1);
+    WriteRequest("rays_request/passing", RaysQuery{{{{0, 0}, 1, 2}}, 0.5, UnknownPolicy::kFree}, 1);
     WriteRequest("sweeps_request/two", SweepsQuery{{{points_m, 0.2}, {{{1, 1}}, 0}}}, 2);
     WriteRequest("raster_request/part", RasterQuery{{-1, -1}, 0.1, 20, 30}, 50);
     WriteRequest("likelihoods_request/two", LikelihoodsQuery{points_m, {{}, {{1, 1}, 2}}}, 2);
@@ -231,16 +243,16 @@ class CorpusMaker {
 
     command_request_t command{};
     command.command = "clear";
-    command.incarnation = 3;
+    command.session_number = 3;
     WriteMessage("command_request/clear", 0, command);
     layer_command_request_t layer_command{};
     layer_command.command = "remove";
     layer_command.name = "robot";
     WriteMessage("layer_command_request/remove", 0, layer_command);
     command_reply_t reply{};
-    reply.head.name = "robot";
-    reply.head.status = 9;
-    reply.head.status_text = "the command is for start 3";
+    reply.header.name = "robot";
+    reply.header.status = 9;
+    reply.header.status_text = "the command is for start 3";
     WriteMessage("command_reply/refused", 0, reply);
   }
 
@@ -353,14 +365,14 @@ class CorpusMaker {
     std::filesystem::create_directories(folder_ + "/map_file");
     const std::string path = folder_ + "/map_file/two_layers";
     std::filesystem::remove(path);
-    Map map({});
+    MapWriter map({});
     for (const uint64_t origin : {1, 2}) {
       Layer& layer = map.AddLayer({"robot", origin}, {1, 1});
       layer.BeginCommit();
       for (int tx = -1; tx < 2; ++tx) layer.EditTile({tx, 5}).control_points.fill(300);
     }
     auto file = MapFile::Open(path);
-    Require(file.ok() && file->Save(*map.Snapshot()).ok() && file->Close().ok(), "a map is saved");
+    Require(file.ok() && file->Save(map.Layers()).ok() && file->Close().ok(), "a map is saved");
     std::ifstream in(path, std::ios::binary);
     const std::string bytes(std::istreambuf_iterator<char>(in), {});
     Write("map_file/cut", bytes.substr(0, bytes.size() / 2));

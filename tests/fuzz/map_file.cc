@@ -48,9 +48,9 @@ void Run(FuzzInput input) {
   const absl::StatusOr<LoadedMap> loaded = file->Load();
   if (!loaded.ok()) return;
   Require(looked_at.ok(), "a map that can be continued can be looked at");
-  if (file->Save(*loaded->map).ok() && file->Close().ok()) {
+  if (file->Save(loaded->set).ok() && file->Close().ok()) {
     const absl::StatusOr<LoadedMap> again = ReadMapFile(scratch.path());
-    Require(!again.ok() || again->damages.empty(), "a save mends a damaged map");
+    Require(!again.ok() || again->corruption.empty(), "a save mends a damaged map");
   }
 }
 

@@ -9,8 +9,9 @@
 
 #include <optional>
 
-#include "lib/map/tile_update.h"
+#include "lib/map/summed_layers.h"
 #include "lib/store/records.pb.h"
+#include "lib/tiles/tile_codec.h"
 #include "tests/fuzz/fuzz.h"
 
 namespace splinemap::fuzz_map_records {
@@ -67,7 +68,7 @@ class Rows {
     record.set_name(Name(input));
     record.set_origin(input.Byte() % 4);
     record.set_revision(input.Byte() != 0 ? 100 : input.Take<uint64_t>());
-    record.set_incarnation(input.Byte() != 0 ? 1 : input.Take<uint64_t>());
+    record.set_session_number(input.Byte() != 0 ? 1 : input.Take<uint64_t>());
     record.set_row(input.Byte() % 8);
     record.set_tiles(input.Byte() % 8);
     return Sealed(record);
@@ -133,11 +134,13 @@ class Rows {
   SQLite::Statement put_tile_{database_, "INSERT OR REPLACE INTO tile VALUES (?, ?, ?, ?, ?, ?)"};
 };
 
-bool AreEqual(const MapSnapshot& a, const MapSnapshot& b) {
+bool AreEqual(const LayerSet& a, const LayerSet& b) {
+  const auto sum_a = ViewOf(a);
+  const auto sum_b = ViewOf(b);
   bool equal = a.options == b.options && a.layers.size() == b.layers.size() &&
-               a.merged.size() == b.merged.size();
-  a.merged.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    const Tile* other = b.merged.Find(key);
+               sum_a->tiles.size() == sum_b->tiles.size();
+  sum_a->tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    const Tile* other = sum_b->tiles.Find(key);
     equal = equal && other != nullptr && *other == *entry.tile;
   });
   return equal;
@@ -149,13 +152,13 @@ void Run(FuzzInput input) {
   while (!input.empty()) rows.Write(input);
   const absl::StatusOr<LoadedMap> loaded = ReadMap("fuzz", rows.database());
   if (!loaded.ok()) return;
-  loaded->map->Evaluate(0.1, 0.1);
-  const Written written = WriteMap(*loaded->map, {}, rows.database());
+  ViewOf(loaded->set)->Evaluate(0.1, 0.1);
+  const Written written = WriteMap(loaded->set, {}, rows.database());
   Require(written.left_out.empty(), "what was read can be written");
   const absl::StatusOr<LoadedMap> again = ReadMap("fuzz", rows.database());
   Require(again.ok(), "a map that was read can be written and read");
-  Require(again->damages.empty(), "a save mends a damaged map");
-  Require(AreEqual(*loaded->map, *again->map), "a map that was read is written the same");
+  Require(again->corruption.empty(), "a save mends a damaged map");
+  Require(AreEqual(loaded->set, again->set), "a map that was read is written the same");
 }
 
 const FuzzTarget target("map_records", &Run);

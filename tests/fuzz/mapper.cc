@@ -5,6 +5,7 @@
 
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/messages.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::fuzz_mapper {
 
@@ -39,14 +40,14 @@ int64_t ScanDrops(const DropCounts& drops) {
 
 void Run(FuzzInput input) {
   const std::string channels[] = {"POSE", "AUTO", "BOT", "FIRST", "LAST", "MOUNT", "OTHER"};
-  Map map(MapOptionsOf(Configuration().method()));
+  MapWriter map(MapOptionsOf(Configuration().method()));
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   Mapper mapper(Configuration(), map.options(), layer);
   Utime clock = std::chrono::seconds(100);
   int64_t mounts = 0;
   while (!input.empty()) {
     if (input.Byte() == 0xff) mapper.Flush();
-    TakeMessage(input, channels, clock,
+    ReadMessage(input, channels, clock,
                 [&](const std::string& channel, absl::Span<const uint8_t> message) {
                   mapper.HandleMessage(channel, message);
                   mounts += channel == "MOUNT";
@@ -64,8 +65,8 @@ void Run(FuzzInput input) {
   Require(mapper.scans_queued() == 0, "a flush leaves nothing in the queue");
   Require(static_cast<int64_t>(layer.revision()) == mapper.counts().scans_mapped,
           "a scan is a commit");
-  mapper.TakeNotices();
-  Require(std::isfinite(map.Snapshot()->Evaluate(0.1, 0.1).log_odds), "the surface is finite");
+  mapper.DrainNotices();
+  Require(std::isfinite(map.View()->Evaluate(0.1, 0.1).log_odds), "the surface is finite");
 }
 
 const FuzzTarget target("mapper", &Run);

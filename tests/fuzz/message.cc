@@ -8,8 +8,15 @@
 #include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_listing_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/layers_t.hpp"
+#include "lcmtypes/splinemap/settings_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/wire/decode.h"
+#include "lib/wire/sensor_messages.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/messages.h"
 
@@ -35,14 +42,13 @@ SensorOptions OptionsOf(uint8_t choice) {
 
 void Use(const std::vector<uint8_t>& message, const SensorOptions& options) {
   DecodePose(message).status().IgnoreError();
-  DecodeStatus(message).status().IgnoreError();
-  DecodeLayerDigest(message).status().IgnoreError();
-  DecodeStandInDigest(message).status().IgnoreError();
-  DecodeControlRecords(message).status().IgnoreError();
-  DecodeLayers(message).status().IgnoreError();
-  DecodeLayerUpdates(message).status().IgnoreError();
-  DecodeLayerListing(message).status().IgnoreError();
-  DecodeLayerPull(message).status().IgnoreError();
+  Decode<status_t>(message).status().IgnoreError();
+  Decode<layer_digest_t>(message).status().IgnoreError();
+  Decode<settings_t>(message).status().IgnoreError();
+  Decode<layers_t>(message).status().IgnoreError();
+  Decode<layer_updates_t>(message).status().IgnoreError();
+  Decode<layer_listing_t>(message).status().IgnoreError();
+  Decode<layer_pull_t>(message).status().IgnoreError();
   if (const auto mount = DecodeSensorMount(message); mount.ok()) {
     Require(mount->robot_T_sensor.position_m.norm() <= kMaxSensorDistance_m &&
                 std::isfinite(mount->robot_T_sensor.yaw_rad),
@@ -75,8 +81,7 @@ const FuzzTarget targets[] = {
     {"rigid_transform", &Run<bot_core::rigid_transform_t>},
     {"status", &Run<status_t>},
     {"layer_digest", &Run<layer_digest_t>},
-    {"stand_in_digest", &Run<stand_in_digest_t>},
-    {"control_records", &Run<control_records_t>},
+    {"settings", &Run<settings_t>},
     {"layers", &Run<layers_t>},
     {"layer_updates", &Run<layer_updates_t>},
     {"layer_listing", &Run<layer_listing_t>},

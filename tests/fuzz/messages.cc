@@ -19,32 +19,32 @@ constexpr size_t kMaxBeamsTaken = 64;
 
 // A number near 0, an odd one, or any bytes.
 template <typename Number>
-Number TakeNumber(FuzzInput& input) {
+Number ReadNumber(FuzzInput& input) {
   const uint8_t choice = input.Byte();
   if (choice == 0xff) return input.Take<Number>();
   return static_cast<Number>(static_cast<int8_t>(choice)) / Number{4};
 }
 
 Message Pose(FuzzInput& input, Utime utime) {
-  const auto x_m = TakeNumber<double>(input);
-  const auto y_m = TakeNumber<double>(input);
-  return Encode(PoseMessage({utime, {{x_m, y_m}, TakeNumber<double>(input)}}));
+  const auto x_m = ReadNumber<double>(input);
+  const auto y_m = ReadNumber<double>(input);
+  return Encode(PoseMessage({utime, {{x_m, y_m}, ReadNumber<double>(input)}}));
 }
 
 Message MichiganPose(FuzzInput& input, Utime utime) {
   michigan::pose_xyt_t message{};
   message.utime = utime.count();
-  message.x = TakeNumber<float>(input);
-  message.y = TakeNumber<float>(input);
-  message.theta = TakeNumber<float>(input);
+  message.x = ReadNumber<float>(input);
+  message.y = ReadNumber<float>(input);
+  message.theta = ReadNumber<float>(input);
   return Encode(message);
 }
 
 Message PlanarScan(FuzzInput& input, Utime utime) {
   std::vector<float> ranges_m(input.Byte() % kMaxBeamsTaken);
-  for (float& range_m : ranges_m) range_m = TakeNumber<float>(input);
-  const auto first_rad = TakeNumber<double>(input);
-  return Encode(PlanarLidarMessage(utime, ranges_m, first_rad, TakeNumber<double>(input)));
+  for (float& range_m : ranges_m) range_m = ReadNumber<float>(input);
+  const auto first_rad = ReadNumber<double>(input);
+  return Encode(PlanarLidarMessage(utime, ranges_m, first_rad, ReadNumber<double>(input)));
 }
 
 void AddBeam(michigan::lidar_t& message, float range_m, float theta_rad, Utime utime) {
@@ -59,9 +59,9 @@ Message MichiganScan(FuzzInput& input, Utime utime) {
   michigan::lidar_t message{};
   message.utime = utime.count();
   for (size_t beams = input.Byte() % kMaxBeamsTaken; beams > 0; --beams) {
-    const auto range_m = TakeNumber<float>(input);
-    const auto theta_rad = TakeNumber<float>(input);
-    AddBeam(message, range_m, theta_rad, TakeUtime(input, utime));
+    const auto range_m = ReadNumber<float>(input);
+    const auto theta_rad = ReadNumber<float>(input);
+    AddBeam(message, range_m, theta_rad, ReadUtime(input, utime));
   }
   return Encode(message);
 }
@@ -69,8 +69,8 @@ Message MichiganScan(FuzzInput& input, Utime utime) {
 Message Mount(FuzzInput& input, Utime utime) {
   bot_core::rigid_transform_t message{};
   message.utime = utime.count();
-  for (double& coordinate : message.trans) coordinate = TakeNumber<double>(input);
-  const auto half_rad = TakeNumber<double>(input) / 2;
+  for (double& coordinate : message.trans) coordinate = ReadNumber<double>(input);
+  const auto half_rad = ReadNumber<double>(input) / 2;
   const bool is_upside_down = input.Byte() % 2 == 1;
   message.quat[is_upside_down ? 1 : 0] = std::cos(half_rad);
   message.quat[is_upside_down ? 2 : 3] = std::sin(half_rad);
@@ -123,7 +123,7 @@ std::vector<uint8_t> MessageOf(int64_t hash, absl::Span<const uint8_t> fields) {
   return message;
 }
 
-Utime TakeUtime(FuzzInput& input, Utime& clock) {
+Utime ReadUtime(FuzzInput& input, Utime& clock) {
   const auto step = static_cast<int8_t>(input.Byte());
   if (step == -128) return Utime(input.Take<int64_t>());
   // A scan's own clock may stand at either end of time already.
@@ -132,11 +132,11 @@ Utime TakeUtime(FuzzInput& input, Utime& clock) {
   return clock = Utime(count);
 }
 
-void TakeMessage(FuzzInput& input, absl::Span<const std::string> channels, Utime& clock,
+void ReadMessage(FuzzInput& input, absl::Span<const std::string> channels, Utime& clock,
                  MessageSink sink) {
   const std::string& channel = channels[input.Byte() % channels.size()];
   const uint8_t kind = input.Byte() % 7;
-  const Utime utime = TakeUtime(input, clock);
+  const Utime utime = ReadUtime(input, clock);
   switch (kind) {
     case 0:
       return sink(channel, Pose(input, utime));
@@ -155,7 +155,7 @@ void TakeMessage(FuzzInput& input, absl::Span<const std::string> channels, Utime
   }
 }
 
-void TakeDrive(FuzzInput& input, absl::Span<const std::string> channels, Utime& clock,
+void ReadDrive(FuzzInput& input, absl::Span<const std::string> channels, Utime& clock,
                MessageSink sink) {
   const std::string& channel = channels[input.Byte() % channels.size()];
   const uint8_t choice = input.Byte();

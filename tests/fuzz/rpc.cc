@@ -3,16 +3,22 @@
 
 #include <vector>
 
+#include "lcmtypes/splinemap/command_reply_t.hpp"
+#include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/layer_command_request_t.hpp"
+#include "lcmtypes/splinemap/reply_t.hpp"
 #include "lib/query/local_map.h"
 #include "lib/rpc/answer.h"
+#include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/messages.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::fuzz_rpc {
 
-std::shared_ptr<const MapSnapshot> SmallMap(bool is_empty) {
-  Map map({});
+std::shared_ptr<const MapView> SmallMap(bool is_empty) {
+  MapWriter map({});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   if (!is_empty) {
     layer.BeginCommit();
@@ -22,7 +28,7 @@ std::shared_ptr<const MapSnapshot> SmallMap(bool is_empty) {
     }
     layer.EditTile({-1, 0}).control_points.fill(-300);
   }
-  return map.Snapshot();
+  return map.View();
 }
 
 template <typename Query>
@@ -30,13 +36,13 @@ void RunRequest(FuzzInput input) {
   static const LocalMap maps[] = {LocalMap(SmallMap(true)), LocalMap(SmallMap(false))};
   const LocalMap& map = maps[input.Byte() % 2];
   const auto bytes = MessageOf(Rpc<Query>::Request::getHash(), input.Rest());
-  RequestHeadOf(bytes);
-  reply_t head{};
-  head.name = "robot";
-  const std::vector<uint8_t> reply = AnswerRequest(bytes, map, head);
+  RequestHeaderOf(bytes);
+  reply_t header{};
+  header.name = "robot";
+  const std::vector<uint8_t> reply = AnswerRequest(bytes, map, header);
   if (reply.empty()) return;
   Require(reply.size() <= kMaxRpcBytes, "replies fit a message");
-  Require(DecodeRpc<typename Rpc<Query>::Reply>(reply).ok(), "replies can be decoded");
+  Require(Decode<typename Rpc<Query>::Reply>(reply).ok(), "replies can be decoded");
 }
 
 template <typename Query>
@@ -71,18 +77,18 @@ void RunReply(FuzzInput input) {
   const uint8_t size = input.Byte();
   const auto bytes = MessageOf(Rpc<Query>::Reply::getHash(), input.Rest());
   ReplyIdOf(bytes);
-  const auto reply = DecodeRpc<typename Rpc<Query>::Reply>(bytes);
+  const auto reply = Decode<typename Rpc<Query>::Reply>(bytes);
   if (!reply.ok()) return;
-  StatusOf(reply->head).IgnoreError();
+  StatusOf(reply->header).IgnoreError();
   typename Query::Answer answer;
   const Query query = Asked<Query>(size);
-  TakeReply(*reply, query, {size / size_t{2}, size}, answer).IgnoreError();
+  HandleReply(*reply, query, {size / size_t{2}, size}, answer).IgnoreError();
 }
 
 template <typename Message>
 void RunDecode(FuzzInput input) {
   input.Byte();
-  DecodeRpc<Message>(MessageOf(Message::getHash(), input.Rest())).status().IgnoreError();
+  Decode<Message>(MessageOf(Message::getHash(), input.Rest())).status().IgnoreError();
 }
 
 const FuzzTarget targets[] = {

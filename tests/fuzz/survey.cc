@@ -10,7 +10,7 @@
 
 namespace splinemap::fuzz_survey {
 
-config::Config TakeConfig(FuzzInput& input) {
+config::Config ReadConfig(FuzzInput& input) {
   const uint8_t choice = input.Byte();
   config::Config config;
   if ((choice & 1) != 0) config.set_pose("POSE");
@@ -21,7 +21,7 @@ config::Config TakeConfig(FuzzInput& input) {
 
 void Run(FuzzInput input) {
   const std::string channels[] = {"POSE", "SCAN", "ODOMETRY", "REAR"};
-  const config::Config given = TakeConfig(input);
+  const config::Config given = ReadConfig(input);
   Survey survey;
   Utime clock = std::chrono::seconds(100);
   while (!input.empty()) {
@@ -32,9 +32,9 @@ void Run(FuzzInput input) {
       survey.Add(lag == 0xff ? any : received, channel, message);
     };
     if (lag == 0x80) {
-      TakeDrive(input, channels, clock, add);
+      ReadDrive(input, channels, clock, add);
     } else {
-      TakeMessage(input, channels, clock, add);
+      ReadMessage(input, channels, clock, add);
     }
   }
   Remarks(survey);

@@ -1,6 +1,6 @@
 // The content of a tile, as it stands in a file.
 
-#include "lib/map/tile_update.h"
+#include "lib/tiles/tile_codec.h"
 #include "tests/fuzz/fuzz.h"
 
 namespace splinemap::fuzz_tile {

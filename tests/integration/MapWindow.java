@@ -5,8 +5,8 @@ import java.io.File;
 import javax.imageio.ImageIO;
 
 /**
- * MapWindow X Y WIDTH HEIGHT MAP.png: whether the window there on the screen comes to show, within
- * 10 s, what `splinemap render` drew.
+ * MapWindow X Y WIDTH HEIGHT MAP.png: whether the window there on the screen shows, within 10 s,
+ * what `splinemap render` drew.
  */
 final class MapWindow {
   private static final int UNKNOWN_RGB = 0xb0becd;
@@ -28,14 +28,14 @@ final class MapWindow {
     System.exit(agreement >= MIN_AGREEMENT ? 0 : 1);
   }
 
-  // Above the line of text: around the map there is a margin of what is unknown.
+  // The part above the line of text. Around the map there is a margin of unknown pixels.
   private static BufferedImage map(BufferedImage window) {
     int height = 0;
     while (height < window.getHeight() && !isKnown(window, 0, height)) ++height;
     return window.getSubimage(0, 0, window.getWidth(), Math.max(1, height));
   }
 
-  // The part with anything known.
+  // The part with known pixels.
   private static BufferedImage known(BufferedImage image) {
     int left = image.getWidth();
     int right = 0;
@@ -54,7 +54,7 @@ final class MapWindow {
     return image.getSubimage(left, top, right - left + 1, bottom - top + 1);
   }
 
-  // Of the pixels of one, how many the other has at the place or beside it.
+  // The share of pixels of one image that the other has there or beside.
   private static double agreement(BufferedImage one, BufferedImage other) {
     int agreeing = 0;
     for (int y = 0; y < one.getHeight(); ++y) {
@@ -80,7 +80,7 @@ final class MapWindow {
     return (image.getRGB(x, y) & 0xffffff) != UNKNOWN_RGB;
   }
 
-  // Unknown, rather occupied, rather free.
+  // 0: unknown, 1: rather occupied, 2: rather free.
   private static int kind(BufferedImage image, int x, int y) {
     if (!isKnown(image, x, y)) return 0;
     return (image.getRGB(x, y) & 0xff) < 128 ? 1 : 2;

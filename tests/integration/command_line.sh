@@ -162,7 +162,7 @@ expect 2 splinemap doctor two.lcmlog --live
 expect 2 splinemap doctor two.lcmlog --scan LASER,mask=foo
 expect 2 splinemap build two.lcmlog --out x.splinemap --scan --pose
 expect 1 splinemap doctor --live --seconds 0.2 --lcm-url memq://
-expect_text "nothing came" err
+expect_text "nothing was received" err
 
 # import-carmen
 {

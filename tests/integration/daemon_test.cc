@@ -8,8 +8,13 @@
 #include <numbers>
 #include <thread>
 
+#include "lcmtypes/splinemap/layer_settings_t.hpp"
+#include "lcmtypes/splinemap/settings_t.hpp"
+#include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/store/map_file.h"
+#include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/temporary_directory.h"
 
 namespace splinemap::daemon_test {
@@ -34,7 +39,7 @@ class DaemonTest : public testing::Test {
     bus_ = bus->get();
     bus_->Subscribe("SPLINEMAP_STATUS", [this](const std::string&, absl::Span<const uint8_t> m) {
       MutexLock lock(mutex_);
-      statuses_.push_back(*DecodeStatus(m));
+      statuses_.push_back(*Decode<status_t>(m));
     });
     auto daemon = Daemon::Start(config_, *std::move(bus));
     ASSERT_TRUE(daemon.ok()) << daemon.status();
@@ -63,16 +68,17 @@ class DaemonTest : public testing::Test {
   // As anybody on the bus may do it.
   void PublishRemoval() {
     const LayerId id = SavedMap()->layers[0].id;
-    control_records_t records{};
+    settings_t records{};
+    records.speaker = 99;
     records.hash = 1;
-    records.num_records = 1;
-    layer_control_t& record = records.records.emplace_back();
+    records.num_layers = 1;
+    layer_settings_t& record = records.layers.emplace_back();
     record = {};
     record.name = id.name;
     record.origin = static_cast<int64_t>(id.origin);
     record.counter = 1;
     record.removed_up_to = (1 << 20) - 1;
-    bus_->Publish("SPLINEMAP_CONTROL", records);
+    bus_->Publish("SPLINEMAP_SETTINGS", records);
   }
 
   // The newest status that `is_right`, waiting for it up to ten seconds.
@@ -89,10 +95,10 @@ class DaemonTest : public testing::Test {
     return {};
   }
 
-  std::shared_ptr<const MapSnapshot> SavedMap() const {
+  std::optional<LayerSet> SavedMap() const {
     const auto loaded = ReadMapFile(config_.map());
     EXPECT_TRUE(loaded.ok()) << loaded.status();
-    return loaded.ok() ? loaded->map : nullptr;
+    return loaded.ok() ? std::optional(loaded->set) : std::nullopt;
   }
 
   TemporaryDirectory directory_;
@@ -109,7 +115,7 @@ TEST_F(DaemonTest, MapsAndSaysWhatItDid) {
   bus_->Publish("LASER", PoseMessage({Utime(0), {}}));  // a message of the wrong type
   const status_t status = AwaitStatus([](const status_t& s) { return s.messages_received == 101; });
   EXPECT_EQ(status.name, "robot");
-  EXPECT_EQ(status.incarnation, 1);
+  EXPECT_EQ(status.session_number, 1);
   EXPECT_EQ(status.scans_received, 51);
   EXPECT_EQ(status.poses_received, 50);
   EXPECT_EQ(status.scans_mapped, 50);
@@ -128,8 +134,8 @@ TEST_F(DaemonTest, SavesWhileItRuns) {
   Drive(20);
   AwaitStatus([](const status_t& s) { return s.saved_revision == 20; });
   EXPECT_EQ(SavedMap()->layers[0].revision, 20u);
-  EXPECT_GT(SavedMap()->Evaluate(3, 0).log_odds, 0);
-  EXPECT_LT(SavedMap()->Evaluate(0, 0).log_odds, 0);
+  EXPECT_GT(ViewOf(*SavedMap())->Evaluate(3, 0).log_odds, 0);
+  EXPECT_LT(ViewOf(*SavedMap())->Evaluate(0, 0).log_odds, 0);
 }
 
 TEST_F(DaemonTest, StopMapsAndSavesWhatWasReceived) {
@@ -141,10 +147,10 @@ TEST_F(DaemonTest, StopMapsAndSavesWhatWasReceived) {
   EXPECT_TRUE(daemon_->Stop().ok()) << "a second time does nothing";
 }
 
-TEST_F(DaemonTest, ANewLifeIsOnDiskAtOnceAndGoesOnWithTheMap) {
+TEST_F(DaemonTest, ANewSessionIsOnDiskAtOnceAndGoesOnWithTheMap) {
   Start();
   const auto first = SavedMap();
-  EXPECT_EQ(first->layers[0].epoch.incarnation, 1u);
+  EXPECT_EQ(first->layers[0].session.number, 1u);
   Drive(30);
   ASSERT_TRUE(daemon_->Stop().ok());
   daemon_.reset();
@@ -153,8 +159,8 @@ TEST_F(DaemonTest, ANewLifeIsOnDiskAtOnceAndGoesOnWithTheMap) {
   const auto second = SavedMap();
   ASSERT_EQ(second->layers.size(), 1u);
   EXPECT_EQ(second->layers[0].id, first->layers[0].id);
-  EXPECT_EQ(second->layers[0].epoch.incarnation, 2u);
-  EXPECT_NE(second->layers[0].epoch.nonce, first->layers[0].epoch.nonce);
+  EXPECT_EQ(second->layers[0].session.number, 2u);
+  EXPECT_NE(second->layers[0].session.nonce, first->layers[0].session.nonce);
   Drive(30, 100'000);
   ASSERT_TRUE(daemon_->Stop().ok());
   EXPECT_EQ(SavedMap()->layers[0].revision, 60u);
@@ -194,38 +200,38 @@ TEST_F(DaemonTest, ALayerThatSomebodyRemovedGoesOnEmpty) {
   AwaitStatus([](const status_t& s) { return s.revision == 30; });
   PublishRemoval();
   const status_t status = AwaitStatus([](const status_t& s) { return s.tiles == 0; });
-  EXPECT_EQ(status.incarnation, int64_t{1} << 20);
-  EXPECT_EQ(SavedMap()->merged.size(), 0u) << "on disk first";
+  EXPECT_EQ(status.session_number, int64_t{1} << 20);
+  EXPECT_EQ(ViewOf(*SavedMap())->tiles.size(), 0u) << "on disk first";
   Drive(10, 100'000);
   ASSERT_TRUE(daemon_->Stop().ok());
-  EXPECT_GT(SavedMap()->merged.size(), 0u);
+  EXPECT_GT(ViewOf(*SavedMap())->tiles.size(), 0u);
 }
 
-TEST_F(DaemonTest, WithoutRemoteCommandsNoDecisionIsTakenFromTheBus) {
+TEST_F(DaemonTest, WithoutRemoteCommandsNoSettingIsTakenFromTheBus) {
   config_.mutable_service()->set_remote_commands(false);
   Start();
   Drive(30);
   const int64_t tiles = AwaitStatus([](const status_t& s) { return s.revision == 30; }).tiles;
   PublishRemoval();
   AwaitStatus([](const status_t& s) {
-    return s.last_problem.find("not taken here because of --no-remote") != std::string::npos;
+    return s.last_problem.find("ignored here because of --no-remote") != std::string::npos;
   });
   daemon_.reset();
   Start();
   EXPECT_EQ(AwaitStatus([](const status_t&) { return true; }).tiles, tiles);
-  EXPECT_TRUE(SavedMap()->controls.records().empty());
+  EXPECT_TRUE(SavedMap()->settings.records().empty());
 }
 
 TEST_F(DaemonTest, ALayerWithoutRoomToCountOnGoesOnAsAnotherFromTheBeginning) {
-  for (const auto& [incarnation, revision] : {std::pair{LayerEpoch::kMaxIncarnation, uint64_t{5}},
-                                              std::pair{uint64_t{1}, kMaxRevision}}) {
+  for (const auto& [session_number, revision] :
+       {std::pair{SessionId::kMaxNumber, uint64_t{5}}, std::pair{uint64_t{1}, kMaxRevision}}) {
     std::filesystem::remove(config_.map());
-    Map map({});
-    Layer& layer = map.AddLayer({"robot", 7}, {incarnation, 1});
+    MapWriter map({});
+    Layer& layer = map.AddLayer({"robot", 7}, {session_number, 1});
     layer.RestoreRevision(revision - 1);
     layer.BeginCommit();
     for (int k = 0; k < 20; ++k) layer.EditTile({k, 50}).control_points.fill(300);
-    ASSERT_TRUE(MapFile::Open(config_.map())->Save(*map.Snapshot()).ok());
+    ASSERT_TRUE(MapFile::Open(config_.map())->Save(map.Layers()).ok());
     Start();
     Drive(20);
     ASSERT_TRUE(daemon_->Stop().ok());
@@ -233,10 +239,11 @@ TEST_F(DaemonTest, ALayerWithoutRoomToCountOnGoesOnAsAnotherFromTheBeginning) {
     ASSERT_EQ(saved->layers.size(), 1u);
     EXPECT_NE(saved->layers[0].id.origin, 7u);
     EXPECT_EQ(saved->layers[0].id, saved->own_layer);
-    EXPECT_EQ(saved->layers[0].epoch.incarnation, 1u);
+    EXPECT_EQ(saved->layers[0].session.number, 1u);
     EXPECT_EQ(saved->layers[0].revision, 21u);
     EXPECT_EQ(saved->layers[0].tiles.RevisionOf({3, 50}), 1u);
-    EXPECT_EQ(*saved->merged.Find({3, 50}), *map.Snapshot()->merged.Find({3, 50}));
+    const auto view = ViewOf(*saved);
+    EXPECT_EQ(*view->tiles.Find({3, 50}), *map.View()->tiles.Find({3, 50}));
     daemon_.reset();
   }
 }
@@ -254,10 +261,10 @@ TEST_F(DaemonTest, ADamagedMapIsContinuedAndTheFileAsItWasIsKept) {
   Start();
   const status_t status = AwaitStatus([](const status_t&) { return true; });
   EXPECT_NE(status.last_problem.find(".damaged"), std::string::npos) << status.last_problem;
-  EXPECT_EQ(status.tiles, static_cast<int64_t>(before->merged.size()));
+  EXPECT_EQ(status.tiles, static_cast<int64_t>(ViewOf(*before)->tiles.size()));
   ASSERT_TRUE(daemon_->Stop().ok());
   EXPECT_EQ(SavedMap()->layers[0].id, before->layers[0].id);
-  EXPECT_EQ(SavedMap()->layers[0].epoch.incarnation, 2u);
+  EXPECT_EQ(SavedMap()->layers[0].session.number, 2u);
   EXPECT_EQ(directory_.CountFiles(), 2);
 }
 
@@ -285,7 +292,7 @@ TEST_F(DaemonTest, AMapThatIsReplacedGoesOnInARescueFileAndTheOtherStays) {
   const size_t begin = end.find("the map is in ") + 14;
   const auto rescued = ReadMapFile(end.substr(begin, end.find(',', begin) - begin));
   ASSERT_TRUE(rescued.ok()) << end;
-  EXPECT_EQ(rescued->map->layers[0].revision, 60u);
+  EXPECT_EQ(rescued->set.layers[0].revision, 60u);
   std::ifstream other(config_.map());
   EXPECT_EQ(std::string(std::istreambuf_iterator<char>(other), {}), "of somebody else");
 }

@@ -32,11 +32,11 @@ says() { await grep -qF -- "$2" "$1.log"; }
 says SIGN "Try --scan LASER:bot_core"
 says CLOCK "before the poses of POSE"
 says CLOCK "time_offset_ms=0"
-says NAME "nothing came on LASERS for 5 s"
+says NAME "nothing was received on LASERS for 5 s"
 says TYPE "which is bot_core.pose_t"
 says TYPE "which is bot_core.planar_lidar_t"
 splinemap watch --prefix SIGN --once --json > status.json
-[[ $(jq '.problems.flags_disagree > 0 and (.last_problem | contains("sharper"))' status.json) == true ]] ||
+[[ $(jq '.problems.options_disagree > 0 and (.last_problem | contains("sharper"))' status.json) == true ]] ||
   fail "problems: $(cat status.json)"
 # What is said of every scan is said once a minute.
 (($(grep -c "which is bot_core.pose_t" TYPE.log) == 1)) || fail "said again: $(cat TYPE.log)"

@@ -129,7 +129,7 @@ for file in record cut_map page first_page; do
   rm merged.splinemap
   expect 0 timeout --preserve-status 2 \
     splinemapd --map "$file.splinemap" --scan LASER --pose POSE --name robot
-  expect_text "the file is kept as $file.splinemap" err
+  expect_text "the corrupt one is kept as $file.splinemap" err
   expect 0 splinemap info "$file.splinemap"
   expect 1 splinemap info "$file".splinemap.*.damaged
 done

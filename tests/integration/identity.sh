@@ -68,9 +68,9 @@ cp map_3.splinemap other.splinemap
 start other robot-1
 await found robot-1 shared_name 2
 await found base shared_name
-says other "there are two layers of robot-1"
-says first "there are two layers of robot-1"
-says base "there are two layers of robot-1"
+says other "there are two layers named robot-1"
+says first "there are two layers named robot-1"
+says base "there are two layers named robot-1"
 await has base robot-1 "$hash_1" "$hash_3"
 stop other
 harmless base second other
@@ -80,7 +80,7 @@ stop first
 cp first.splinemap clone.splinemap
 start first robot-1 --follow 'robot-*' --config often.textproto
 start clone robot-1 --follow 'robot-*' --config often.textproto
-await grep -q "goes on as another layer, origin" first.log clone.log
+await grep -q "continues as another layer, origin" first.log clone.log
 await found robot-1 shared_identity
 for who in base first clone; do await has $who robot-1 "$hash_1" "$hash_1" "$hash_3"; done
 stop clone first
@@ -89,7 +89,7 @@ rm first.splinemap clone.splinemap
 
 # --- a replaced computer: the same name and an empty file; the old layer stays
 start new robot-1 --follow 'robot-*'
-says new "there are two layers of robot-1"
+says new "there are two layers named robot-1"
 await has base robot-1 "$hash_1" "$hash_1" "$hash_3"
 stop new
 harmless base second new
@@ -106,7 +106,7 @@ wait "${daemon[second]}" 2> /dev/null || true
 cp yesterday.splinemap second.splinemap
 rm -f second.splinemap-*
 start second robot-2
-says second "is an older copy; it goes on as start"
+says second "is an older copy. It continues as session"
 await found robot-2 shared_identity
 
 # --- another knot interval, other clamps
@@ -114,7 +114,7 @@ start wide robot-8 --config <(echo 'method { clamp_max: 20 }') --follow 'robot-*
 says base "the layer of robot-8: its control points are clamped to -10 .. 20, and to -10 .. 10 here"
 start coarse robot-7 --config <(echo 'method { knot_interval_m: 0.1 }') --follow 'robot-*'
 for who in base coarse wide; do says "$who" "the layer of robot-"; done
-says base "the layer of robot-7: its knot interval is 0.1 m, and 0.05 m here, so it is not in the map"
+says base "the map leaves out the layer of robot-7: its knot interval is 0.1 m, and 0.05 m here"
 says wide "the layer of robot-2: its control points are clamped to -10 .. 10, and to -10 .. 20 here"
 for name in base robot-7 robot-8; do await found $name refused_layer; done
 expect 0 splinemap layers --live --json

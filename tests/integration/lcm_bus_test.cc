@@ -98,12 +98,12 @@ TEST(BusAddressTest, WhatCanNeverBeOpenedIsRefusedInWords) {
 TEST(LcmBusTest, AServerThatIsNotThereIsSaidOnceAndWaitedFor) {
   const auto bus = *LcmBus::Open(SilentUrl());
   bus->Subscribe("A", [](const std::string&, absl::Span<const uint8_t>) {});
-  EXPECT_NE(bus->TakeNews().value_or("").find("Connection refused"), std::string::npos);
+  EXPECT_NE(bus->DrainNews().value_or("").find("Connection refused"), std::string::npos);
   for (int k = 0; k < 30; ++k) {
     bus->PublishBytes("A", {});
     EXPECT_EQ(bus->Handle(milliseconds(50)), LcmBus::Handled::kBroken);
   }
-  EXPECT_EQ(bus->TakeNews(), std::nullopt);
+  EXPECT_EQ(bus->DrainNews(), std::nullopt);
 }
 
 TEST(LcmBusTest, AServerThatComesLateOrAgainGetsAllSubscriptions) {
@@ -116,14 +116,14 @@ TEST(LcmBusTest, AServerThatComesLateOrAgainGetsAllSubscriptions) {
   bus->Subscribe("A", [&](const std::string&, absl::Span<const uint8_t> m) {
     heard += static_cast<int>(m.size());
   });
-  bus->TakeNews();
+  bus->DrainNews();
   for (int start = 1; start <= 3; ++start) {
     server = std::make_unique<FakeServer>(FakeServer::Greeting() + FakeServer::Message("1"), port);
     EXPECT_TRUE(Handles(*bus, [&] { return heard == start; })) << start;
-    EXPECT_EQ(bus->TakeNews(), "the LCM bus " + url + " works again");
+    EXPECT_EQ(bus->DrainNews(), "the LCM bus " + url + " works again");
     server.reset();
     EXPECT_TRUE(Handles(*bus, [&] { return !bus->Problem().empty(); })) << start;
-    EXPECT_NE(bus->TakeNews(), std::nullopt);
+    EXPECT_NE(bus->DrainNews(), std::nullopt);
   }
 }
 

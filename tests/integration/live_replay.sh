@@ -48,7 +48,7 @@ kill -INT "$daemon"
 wait "$daemon" || fail "the second life failed: $(cat daemon.log)"
 expect 0 splinemap diff live.splinemap first.splinemap
 expect 0 splinemap info live.splinemap --json
-[[ $(jq '.layers[0].incarnation' out) == 2 ]] || fail "incarnation: $(cat out)"
+[[ $(jq '.layers[0].session_number' out) == 2 ]] || fail "session_number: $(cat out)"
 
 # What lcm-logger records of the daemon is LCM that others read.
 splinemapd --map log.splinemap --scan LASER --pose POSE 2> daemon.log &

@@ -1,5 +1,5 @@
 // Clients and a daemon, on a bus of their own.
-#include "clients/client/map_client.h"
+#include "lib/client/map_client.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,9 @@
 #include <future>
 #include <numbers>
 
-#include "clients/replica/map_replica.h"
+#include "lib/map/summed_layers.h"
+#include "lib/query/local_map.h"
+#include "lib/replica/map_replica.h"
 #include "lib/store/map_file.h"
 #include "lib/wire/encode.h"
 #include "services/splinemapd/daemon.h"
@@ -85,7 +87,7 @@ TEST_F(MapClientTest, AsksTheMapAsItGrows) {
   StartDaemon();
   Connect();
   EXPECT_EQ(client_->daemon().name, "robot");
-  EXPECT_EQ(client_->daemon().incarnation, 1u);
+  EXPECT_EQ(client_->daemon().session_number, 1u);
   EXPECT_EQ(LogOdds(), 0);
   Drive(20);
   EXPECT_GT(LogOdds(), 0);
@@ -122,7 +124,7 @@ TEST_F(MapClientTest, ADaemonThatEndsIsMissedAndTheNextStartIsFound) {
   const auto answer = found.get_future().get();
   ASSERT_TRUE(answer.ok()) << answer.status();
   EXPECT_EQ(answer->revision, 20u);
-  EXPECT_EQ(client_->daemon().incarnation, 2u);
+  EXPECT_EQ(client_->daemon().session_number, 2u);
 }
 
 TEST_F(MapClientTest, ManyQueriesAtOnceEachEndOnce) {
@@ -163,10 +165,10 @@ TEST_F(MapClientTest, SaveIsDoneWhenItReturns) {
   StartDaemon();
   Connect();
   Drive(20);
-  EXPECT_EQ(ReadMapFile(config_.map())->map->layers[0].revision, 0u);
+  EXPECT_EQ(ReadMapFile(config_.map())->set.layers[0].revision, 0u);
   const absl::Status saved = client_->Save();
   EXPECT_TRUE(saved.ok()) << saved;
-  EXPECT_EQ(ReadMapFile(config_.map())->map->layers[0].revision, 20u);
+  EXPECT_EQ(ReadMapFile(config_.map())->set.layers[0].revision, 20u);
 }
 
 TEST_F(MapClientTest, ClearBeginsTheLayerAnewForEverybody) {
@@ -174,7 +176,7 @@ TEST_F(MapClientTest, ClearBeginsTheLayerAnewForEverybody) {
   Connect();
   auto follower = *MapReplica::Follow("", {});
   Drive(20);
-  Await([&] { return follower->Snapshot()->Evaluate(3, 0).log_odds > 0; });
+  Await([&] { return follower->View()->Evaluate(3, 0).log_odds > 0; });
   const RaysQuery rays{RaysOfScan({{0.1, 0}, 0}, {0, 1, 2, 3, 4, 5}, 5)};
   const DistancesQuery distances{{{0, 0}, {2, 1}, {2.5, 0}}};
   client_->Ask(rays)
@@ -183,74 +185,75 @@ TEST_F(MapClientTest, ClearBeginsTheLayerAnewForEverybody) {
   client_->Ask(distances).status().IgnoreError();
   const absl::Status cleared = client_->Clear();
   EXPECT_TRUE(cleared.ok()) << cleared;
-  EXPECT_EQ(client_->daemon().incarnation, 2u);
+  EXPECT_EQ(client_->daemon().session_number, 2u);
   EXPECT_EQ(LogOdds(), 0);
   const auto saved = ReadMapFile(config_.map());
-  EXPECT_TRUE(saved->damages.empty());
-  EXPECT_EQ(saved->map->layers[0].tiles.size(), 0u);
-  EXPECT_EQ(saved->map->layers[0].epoch.incarnation, 2u);
-  Await([&] { return follower->Snapshot()->merged.size() == 0; });
+  EXPECT_TRUE(saved->corruption.empty());
+  EXPECT_EQ(saved->set.layers[0].tiles.size(), 0u);
+  EXPECT_EQ(saved->set.layers[0].session.number, 2u);
+  Await([&] { return follower->View()->tiles.size() == 0; });
   EXPECT_EQ(follower->Ask(PointsQuery{{{3, 0}}, false})->samples[0].log_odds, 0);
 
   // And it goes on.
   Drive(10);
   EXPECT_GT(LogOdds(), 0);
-  Await([&] { return follower->Snapshot()->Evaluate(3, 0).log_odds > 0; });
+  Await([&] { return follower->View()->Evaluate(3, 0).log_odds > 0; });
   const auto ends = client_->Ask(rays);
   const auto nearest = client_->Ask(distances);
   ASSERT_TRUE(daemon_->Stop().ok());
-  const LocalMap map(ReadMapFile(config_.map())->map);
-  EXPECT_GT(map.Snapshot()->Evaluate(3, 0).log_odds, 0);
+  const LocalMap map(ViewOf(ReadMapFile(config_.map())->set));
+  EXPECT_GT(map.View()->Evaluate(3, 0).log_odds, 0);
   ASSERT_EQ(ends.status(), map.Ask(rays).status());
   EXPECT_TRUE(!ends.ok() || AreSame(*ends, *map.Ask(rays)));
   ASSERT_EQ(nearest.status(), map.Ask(distances).status());
   EXPECT_TRUE(!nearest.ok() || AreSame(*nearest, *map.Ask(distances)));
 }
 
-TEST_F(MapClientTest, ACommandForAnotherStartOfTheLayerIsNotDone) {
+TEST_F(MapClientTest, ACommandForAnotherSessionOfTheLayerIsNotDone) {
   StartDaemon();
   Connect();
   auto second = *MapClient::Connect("", {});
   Drive(20);
   ASSERT_TRUE(client_->Clear().ok());
   Drive(20);
-  const absl::Status refused = second->Clear();  // which it would do to the map of start 1
+  const absl::Status refused = second->Clear();  // which it would do to the map of session 1
   EXPECT_TRUE(absl::IsFailedPrecondition(refused)) << refused;
   const std::string text(refused.message());
-  EXPECT_NE(text.find("for start 1 of the layer, which is in start 2"), std::string::npos) << text;
+  EXPECT_NE(text.find("for session 1 of the layer, which is in session 2"), std::string::npos)
+      << text;
   EXPECT_GT(LogOdds(), 0);
   EXPECT_TRUE(second->Clear().ok()) << "it knows now";
 }
 
-TEST_F(MapClientTest, DecisionsAboutALayerAreForEverybodyAndOnDisk) {
+TEST_F(MapClientTest, SettingsOfALayerAreForEverybodyAndOnDisk) {
   StartDaemon();
   Connect();
   auto follower = *MapReplica::Follow("", {});
   Drive(20);
-  Await([&] { return follower->Snapshot()->Evaluate(3, 0).log_odds > 0; });
-  const LayerId id = ReadMapFile(config_.map())->map->layers[0].id;
+  Await([&] { return follower->View()->Evaluate(3, 0).log_odds > 0; });
+  const LayerId id = ReadMapFile(config_.map())->set.layers[0].id;
   const double log_odds = LogOdds();
-  ASSERT_TRUE(client_->Decide({"mute", id}).ok());
+  ASSERT_TRUE(client_->Set({LayerCommand::kMute, id}).ok());
   EXPECT_EQ(LogOdds(), 0);
-  Await([&] { return follower->Snapshot()->merged.size() == 0; });
-  EXPECT_TRUE(ReadMapFile(config_.map())->map->controls.Of(id).muted);
-  EXPECT_EQ(ReadMapFile(config_.map())->map->layers[0].revision, 20u) << "and saved with it";
-  ASSERT_TRUE(client_->Decide({"unmute", id}).ok());
+  Await([&] { return follower->View()->tiles.size() == 0; });
+  EXPECT_TRUE(ReadMapFile(config_.map())->set.settings.Of(id).muted);
+  EXPECT_EQ(ReadMapFile(config_.map())->set.layers[0].revision, 20u) << "and saved with it";
+  ASSERT_TRUE(client_->Set({LayerCommand::kUnmute, id}).ok());
   EXPECT_EQ(LogOdds(), log_odds);
-  ASSERT_TRUE(client_->Decide({"shift", id, 0, {20, 0}}).ok());  // by 1 m
+  ASSERT_TRUE(client_->Set({LayerCommand::kShift, id, 0, {20, 0}}).ok());  // by 1 m
   EXPECT_EQ(client_->Ask(PointsQuery{{{4, 0}}, false})->samples[0].log_odds, log_odds);
-  Await([&] { return follower->Snapshot()->Evaluate(4, 0).log_odds == log_odds; });
+  Await([&] { return follower->View()->Evaluate(4, 0).log_odds == log_odds; });
 
-  EXPECT_TRUE(absl::IsInvalidArgument(client_->Decide({"paint", id})));
-  EXPECT_TRUE(absl::IsInvalidArgument(client_->Decide({"shift", id, 0, {KnotShift::kMax + 1, 0}})));
-  EXPECT_TRUE(absl::IsNotFound(client_->Decide({"mute", {id.name, id.origin + 1}})));
-  EXPECT_TRUE(absl::IsFailedPrecondition(client_->Decide({"remove", id, 7})));
-  ASSERT_TRUE(client_->Decide({"remove", id, 1}).ok());
-  EXPECT_EQ(ReadMapFile(config_.map())->map->merged.size(), 0u);
-  Await([&] { return follower->Snapshot()->merged.size() == 0; });
+  EXPECT_TRUE(absl::IsInvalidArgument(
+      client_->Set({LayerCommand::kShift, id, 0, {KnotShift::kMax + 1, 0}})));
+  EXPECT_TRUE(absl::IsNotFound(client_->Set({LayerCommand::kMute, {id.name, id.origin + 1}})));
+  EXPECT_TRUE(absl::IsFailedPrecondition(client_->Set({LayerCommand::kRemove, id, 7})));
+  ASSERT_TRUE(client_->Set({LayerCommand::kRemove, id, 1}).ok());
+  EXPECT_EQ(ViewOf(ReadMapFile(config_.map())->set)->tiles.size(), 0u);
+  Await([&] { return follower->View()->tiles.size() == 0; });
   Drive(10);
-  Await([&] { return follower->Snapshot()->Evaluate(4, 0).log_odds > 0; });
-  EXPECT_EQ(follower->Layers()[0].epoch.incarnation, LayerControl::kStartsPerGeneration);
+  Await([&] { return follower->View()->Evaluate(4, 0).log_odds > 0; });
+  EXPECT_EQ(follower->FollowedLayers()[0].session.number, LayerSettings::kSessionsPerGeneration);
 }
 
 TEST_F(MapClientTest, CommandsCanBeSwitchedOff) {
@@ -260,8 +263,8 @@ TEST_F(MapClientTest, CommandsCanBeSwitchedOff) {
   Drive(20);
   EXPECT_TRUE(absl::IsPermissionDenied(client_->Save()));
   EXPECT_TRUE(absl::IsPermissionDenied(client_->Clear()));
-  const LayerId id = ReadMapFile(config_.map())->map->layers[0].id;
-  EXPECT_TRUE(absl::IsPermissionDenied(client_->Decide({"mute", id})));
+  const LayerId id = ReadMapFile(config_.map())->set.layers[0].id;
+  EXPECT_TRUE(absl::IsPermissionDenied(client_->Set({LayerCommand::kMute, id})));
   EXPECT_GT(LogOdds(), 0);
 }
 

@@ -8,7 +8,7 @@ source "$1/tests/integration/support.sh" "$1"
 # hashes MAP: what the file has, but for what may differ: its times.
 hashes() {
   splinemap layers "$1" --json |
-    jq -c '.[] | [.name, .origin, .incarnation, .nonce, .commits, .hash, .muted, .removed_up_to]'
+    jq -c '.[] | [.name, .origin, .session_number, .session_nonce, .commits, .hash, .muted, .removed_up_to]'
 }
 
 # same A B: equal for diff, and every layer has one identity, state and hash in both.
@@ -61,10 +61,10 @@ without_one() {
   merge "${maps[@]:1}" -o other.splinemap
   expect 0 splinemap diff without.splinemap other.splinemap
   expect_text "layer robot-1@" out
-  expect_text "removed up to start 1048575, only in without.splinemap" out
+  expect_text "removed up to session 1048575, only in without.splinemap" out
   merge all.splinemap without.splinemap -o again.splinemap
   expect_text "robot-1@" err
-  expect_text "is left out: removed up to start 1048575" err
+  expect_text "is left out: removed up to session 1048575" err
   same without.splinemap again.splinemap
 }
 
@@ -93,10 +93,10 @@ flatten fleet.splinemap
 
 # --- the layers of a map
 expect 0 splinemap layers fleet.splinemap
-[[ $(wc -l < out) == 6 && $(head -n 1 out) == layer*start*commits*tiles*area_m2*box_m*hash*decided ]] ||
+[[ $(wc -l < out) == 6 && $(head -n 1 out) == layer*session*commits*tiles*area_m2*box_m*hash*settings ]] ||
   fail "layers: $(cat out)"
 expect 0 splinemap layers fleet.splinemap --json
-[[ $(jq '.[2] | .name == "robot-3" and .incarnation == 1 and .commits > 200 and .in_sum and
+[[ $(jq '.[2] | .name == "robot-3" and .session_number == 1 and .commits > 200 and .in_sum and
          .area_m2 > 1 and .box_m[0] < .box_m[2] and .box_m[1] < .box_m[3]' out) == true ]] || fail "$(cat out)"
 [[ $(jq '[.[] | [.area_m2, .tiles, .commits]]' out) == "$(splinemap info fleet.splinemap --json |
   jq '[.layers[] | [.area_m2, .tiles, .scans]]')" ]] || fail "layers and info differ: $(cat out)"
@@ -155,7 +155,7 @@ done
 start() {
   splinemapd --map "$1" --name robot-1 --scan LASER --pose POSE --lcm-url memq:// 2> daemon.log &
   local daemon=$!
-  started() { [[ $(splinemap layers "$1" --json | jq '.[0].incarnation') == 2 ]]; }
+  started() { [[ $(splinemap layers "$1" --json | jq '.[0].session_number') == 2 ]]; }
   await started "$1"
   kill "$daemon"
   wait "$daemon" || fail "the daemon failed: $(cat daemon.log)"
@@ -165,7 +165,7 @@ cp maps/map_1.splinemap twin.splinemap
 start newer.splinemap
 start twin.splinemap
 merge fleet.splinemap newer.splinemap -o one.splinemap
-expect_text ": start 2 in newer.splinemap replaces start 1 in fleet.splinemap" err
+expect_text ": session 2 in newer.splinemap replaces session 1 in fleet.splinemap" err
 merge newer.splinemap fleet.splinemap -o other.splinemap
 same one.splinemap other.splinemap
 merge newer.splinemap twin.splinemap -o one.splinemap

@@ -5,8 +5,9 @@
 #include <random>
 #include <vector>
 
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 #include "lib/mapping/beam_model.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/paper_map.h"
 #include "tests/support/recorded_drive.h"
 #include "tests/support/shared_data.h"
@@ -21,7 +22,7 @@ TEST(PaperReferenceTest, TheSurfaceOfIntelDiffersByLessThanFiveHundredthsRms) {
   const auto drive = ReadRecordedDrive(*path, {});
   ASSERT_TRUE(drive.ok()) << drive.status();
   PaperMap paper(kKnot);
-  Map map({kKnot, {}});
+  MapWriter map({kKnot, {}});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   BeamModel model({.free_space = FreeSpace::kSamples}, kKnot);
   ScanScratch scratch;
@@ -32,16 +33,16 @@ TEST(PaperReferenceTest, TheSurfaceOfIntelDiffersByLessThanFiveHundredthsRms) {
     scratch.CommitTo(layer, map.options().limits);
   }
 
-  const auto snapshot = map.Snapshot();
+  const auto view = map.View();
   std::mt19937_64 random(1);
   std::uniform_real_distribution<double> offset_m(0, Tile::kSide * kKnot);
   double squares = 0;
   int64_t points = 0;
-  snapshot->merged.ForEach([&](TileKey key, const TileTree::Entry&) {
+  view->tiles.ForEach([&](TileKey key, const TileTree::Entry&) {
     for (int n = 0; n < 3000; ++n) {
       const double x_m = key.tx * Tile::kSide * kKnot + offset_m(random);
       const double y_m = key.ty * Tile::kSide * kKnot + offset_m(random);
-      const double error = snapshot->Evaluate(x_m, y_m).log_odds - paper.Evaluate(x_m, y_m);
+      const double error = view->Evaluate(x_m, y_m).log_odds - paper.Evaluate(x_m, y_m);
       squares += error * error;
       ++points;
     }

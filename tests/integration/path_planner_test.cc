@@ -22,7 +22,7 @@ class Wall : public QueryableMap {
   }
   void BreakAfter(int questions) { questions_left_ = questions; }
 
-  absl::StatusOr<SweepsQuery::Answer> Ask(const SweepsQuery& query) const override {
+  absl::StatusOr<AnyAnswer> Answer(const SweepsQuery& query) const {
     if (questions_left_ && (*questions_left_)-- <= 0) return absl::UnavailableError("no map");
     SweepsQuery::Answer answer;
     for (const Sweep& sweep : query.sweeps) {
@@ -38,23 +38,22 @@ class Wall : public QueryableMap {
     }
     return answer;
   }
-  absl::StatusOr<DistancesQuery::Answer> Ask(const DistancesQuery& query) const override {
+  absl::StatusOr<AnyAnswer> Answer(const DistancesQuery& query) const {
     DistancesQuery::Answer answer;
     for (const Vector2d& point_m : query.points_m) {
       answer.distances.push_back({std::min(DistanceTo(point_m), query.max_distance_m), {}});
     }
     return answer;
   }
-  absl::StatusOr<PointsQuery::Answer> Ask(const PointsQuery&) const override { return Never(); }
-  absl::StatusOr<RaysQuery::Answer> Ask(const RaysQuery&) const override { return Never(); }
-  absl::StatusOr<RasterQuery::Answer> Ask(const RasterQuery&) const override { return Never(); }
-  absl::StatusOr<LikelihoodsQuery::Answer> Ask(const LikelihoodsQuery&) const override {
-    return Never();
+  absl::StatusOr<AnyAnswer> AskAny(const AnyQuery& query) const override {
+    if (const auto* sweeps = std::get_if<const SweepsQuery*>(&query)) return Answer(**sweeps);
+    if (const auto* distances = std::get_if<const DistancesQuery*>(&query)) {
+      return Answer(**distances);
+    }
+    return absl::UnimplementedError("not asked by planners");
   }
 
  private:
-  static absl::Status Never() { return absl::UnimplementedError("not asked by planners"); }
-
   const double half_gap_m_;
   mutable std::optional<int> questions_left_;
 };

@@ -7,11 +7,13 @@
 #include <limits>
 #include <thread>
 
-#include "clients/client/map_client.h"
-#include "clients/replica/map_replica.h"
 #include "lib/base/random.h"
-#include "services/splinemapd/layer_server.h"
-#include "services/splinemapd/query_server.h"
+#include "lib/client/map_client.h"
+#include "lib/replica/map_replica.h"
+#include "services/splinemapd/newest_map.h"
+#include "services/splinemapd/receiving_thread.h"
+#include "services/splinemapd/replication_thread.h"
+#include "services/splinemapd/request_server.h"
 #include "tests/support/queries.h"
 
 namespace splinemap::queryable_map_test {
@@ -21,37 +23,44 @@ using std::chrono::milliseconds;
 // Serves one map as a daemon does, to clients and followers.
 class MapOnBus {
  public:
-  explicit MapOnBus(std::shared_ptr<const MapSnapshot> map) {
-    bus_ = *LcmBus::Open("");
-    const auto take_snapshot = [map] { return map; };
-    bus_->Subscribe("SPLINEMAP_PULLS",
-                    [this](const std::string&, auto m) { layers_->TakePull(m); });
-    for (const std::string& channel : QueryServer::Channels("SPLINEMAP")) {
-      bus_->Subscribe(channel, [this](const std::string&, auto m) { queries_->TakeRequest(m); });
+  explicit MapOnBus(const MapView& map)
+      : newest_(map.options, {{"robot", 1}, {1, RandomId()}, map.revision, map.tiles}),
+        bus_(*LcmBus::Open("")),
+        receiving_(*bus_, notices_),
+        replication_(*bus_, {}, Fast(), {.options = map.options}, newest_, notices_),
+        requests_("SPLINEMAP", newest_,
+                  [this](const std::string& channel, absl::Span<const uint8_t> reply) {
+                    bus_->PublishBytes(channel, reply);
+                  },
+                  {}) {
+    for (const std::string& channel : ReplicationChannels("SPLINEMAP")) {
+      receiving_.Subscribe(channel, [this](const std::string&, auto m) { replication_.Handle(m); });
     }
-    PublisherOptions options;
-    options.bytes_per_s = 1e7;
-    layers_ = std::make_unique<LayerServer>(*bus_, "SPLINEMAP", options, take_snapshot);
-    queries_ = std::make_unique<QueryServer>(
-        Replier{"SPLINEMAP", RandomId(), take_snapshot,
-                [this](const std::string& channel, absl::Span<const uint8_t> reply) {
-                  bus_->PublishBytes(channel, reply);
-                }});
-    receiving_ = std::jthread([this](const std::stop_token& stop) {
-      while (!stop.stop_requested()) bus_->Handle(milliseconds(20));
-    });
+    for (const std::string& channel : RequestServer::Channels("SPLINEMAP")) {
+      receiving_.Subscribe(channel, [this](const std::string&, auto m) { requests_.Handle(m); });
+    }
+    replication_.Start({});
+    receiving_.Start();
   }
   ~MapOnBus() {
-    receiving_ = {};
-    layers_.reset();
-    queries_.reset();
+    receiving_.Stop();
+    requests_.Stop();
+    replication_.Stop();
   }
 
  private:
+  static PublisherOptions Fast() {
+    PublisherOptions options;
+    options.bytes_per_s = 1e7;
+    return options;
+  }
+
+  NewestMap newest_;
+  NoticeLog notices_{[](bool, const std::string&) {}};
   std::unique_ptr<LcmBus> bus_;
-  std::unique_ptr<LayerServer> layers_;
-  std::unique_ptr<QueryServer> queries_;
-  std::jthread receiving_;
+  ReceivingThread receiving_;
+  ReplicationThread replication_;
+  RequestServer requests_;
 };
 
 enum class Kind { kLocal, kReplica, kClient };
@@ -61,25 +70,27 @@ class QueryableMapTest : public testing::TestWithParam<Kind> {
   void SetUp() override {
     switch (GetParam()) {
       case Kind::kLocal:
-        map_ = std::make_unique<LocalMap>(snapshot_);
+        map_ = std::make_unique<LocalMap>(map_view_);
         break;
       case Kind::kReplica: {
-        served_ = std::make_unique<MapOnBus>(snapshot_);
+        served_ = std::make_unique<MapOnBus>(*map_view_);
         auto replica = *MapReplica::Follow("", {});
-        const auto is_whole = [&] {
-          const auto layers = replica->Layers();
-          return layers.size() == 1 && layers[0].is_equal;
+        // What it has received it shows a moment later.
+        const auto is_caught_up = [&] {
+          const auto layers = replica->FollowedLayers();
+          return layers.size() == 1 && layers[0].matches_digest &&
+                 replica->View()->tiles.size() == map_view_->tiles.size();
         };
         const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(20);
-        while (!is_whole() && std::chrono::steady_clock::now() < deadline) {
+        while (!is_caught_up() && std::chrono::steady_clock::now() < deadline) {
           std::this_thread::sleep_for(milliseconds(10));
         }
-        ASSERT_TRUE(is_whole());
+        ASSERT_TRUE(is_caught_up());
         map_ = std::move(replica);
         break;
       }
       case Kind::kClient: {
-        served_ = std::make_unique<MapOnBus>(snapshot_);
+        served_ = std::make_unique<MapOnBus>(*map_view_);
         ClientOptions options;
         options.deadline = std::chrono::seconds(20);
         auto client = MapClient::Connect("", options);
@@ -92,7 +103,7 @@ class QueryableMapTest : public testing::TestWithParam<Kind> {
 
   template <typename Query>
   void ExpectSame(const Query& query) {
-    const auto expected = LocalMap(snapshot_).Ask(query);
+    const auto expected = LocalMap(map_view_).Ask(query);
     const auto answer = map_->Ask(query);
     EXPECT_EQ(answer.status(), expected.status());
     if (expected.ok() && answer.ok()) {
@@ -109,7 +120,7 @@ class QueryableMapTest : public testing::TestWithParam<Kind> {
   }
 
   std::mt19937_64 random_{3};
-  const std::shared_ptr<const MapSnapshot> snapshot_ = RandomMap(1);
+  const std::shared_ptr<const MapView> map_view_ = RandomMap(1);
   std::unique_ptr<MapOnBus> served_;
   std::unique_ptr<QueryableMap> map_;
 };
@@ -153,7 +164,7 @@ TEST_P(QueryableMapTest, WhatNoMapAnswersIsRefusedWithItsPlace) {
   ExpectInvalid(RaysQuery{{{{0, 0}, 0, 1}, {{nan, 0}, 0, 1}}});
   ExpectInvalid(RaysQuery{{{{0, 0}, 0, -1}}});
   ExpectInvalid(RaysQuery{{}, nan});
-  ExpectInvalid(RaysQuery{{}, 0, static_cast<Unknown>(2)});
+  ExpectInvalid(RaysQuery{{}, 0, static_cast<UnknownPolicy>(2)});
   ExpectInvalid(SweepsQuery{{{{}, 1}}});
   ExpectInvalid(SweepsQuery{{{{{0, 0}}, -1}}});
   ExpectInvalid(SweepsQuery{{{{{0, 0}, {nan, 0}}, 1}}});

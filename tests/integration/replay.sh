@@ -123,9 +123,9 @@ finish recorded.lcmlog
 splinemap build drive.lcmlog --out offline.splinemap --name robot --force 2> /dev/null
 expect 0 splinemap diff live.splinemap offline.splinemap
 expect 0 splinemap info live.splinemap --json
-identity='[.layers[] | [.name, .origin, .incarnation]]'
+identity='[.layers[] | [.name, .origin, .session_number]]'
 [[ $(jq -c "$identity" before.json) == "$(jq -c "$identity" out)" ]] || fail "$(cat before.json out)"
-[[ $(warnings '') == 1 && $(warnings 'there are two layers of robot') == 1 ]] || fail "$(cat daemon.log)"
+[[ $(warnings '') == 1 && $(warnings 'there are two layers named robot') == 1 ]] || fail "$(cat daemon.log)"
 
 # Some scans of the drive with as many beams as a scan may have, which LCM cuts into fragments.
 cat > large.py << 'EOT'

@@ -36,9 +36,9 @@ expect 0 splinemap snapshot part.splinemap --region=0,0,5,5
 expect 0 splinemap export part.splinemap part --format csv --region 0,0,5,5
 expect 0 splinemap export whole.splinemap whole --format csv --region 0,0,5,5
 cmp part.csv whole.csv || fail "a part is not what the whole has there"
-expect 0 splinemap snapshot coarse.splinemap --level 3 --band max
+expect 0 splinemap snapshot coarse.splinemap --level 3 --statistic max
 [[ $(splinemap info coarse.splinemap --json | jq .knot_interval_m) == 0.4 ]] || fail "not level 3"
-expect 2 splinemap snapshot coarse.splinemap --band max --force
+expect 2 splinemap snapshot coarse.splinemap --statistic max --force
 expect_text "add --level" err
 kill -INT "$logger"
 wait "$logger" || true
@@ -63,14 +63,14 @@ expect 0 splinemap snapshot next.splinemap
 lcm-logplayer -s 50 --regexp='SPLINEMAP_.*' recorded.lcmlog > /dev/null
 await bash -c "splinemap watch --once --json | jq -e '.problems.shared_identity > 0'"
 expect 0 splinemap snapshot again.splinemap --force
-grep -q "an earlier start of robot is on the bus" daemon.log || fail "the daemon: $(cat daemon.log)"
+grep -q "an earlier session of robot is on the bus" daemon.log || fail "the daemon: $(cat daemon.log)"
 
-# A second daemon with a copy of its map file, which is in a later life: the first goes on as another
+# A second daemon with a copy of its map file, which is in a later session: the first continues as another
 # layer, with all that it had.
 cp next.splinemap copied.splinemap
 splinemapd --map copied.splinemap --name robot --scan A --pose B 2> copied.log &
 copied=$!
-await grep -q "goes on as another layer, origin" daemon.log
+await grep -q "continues as another layer, origin" daemon.log
 expect 0 splinemap snapshot both.splinemap
 kill "$copied"
 wait "$copied" || fail "the daemon of the copy: $(cat copied.log)"
@@ -93,12 +93,12 @@ end_daemon
 start_daemon
 splinemap snapshot waiting.splinemap --robot robot --robot nobody --timeout 120 2> /dev/null &
 follower=$!
-sleep 3
+sleep 5  # until it believes in the session
 kill -9 "$daemon"
 wait "$daemon" 2> /dev/null || true
 restore_copy
 start_daemon
-await grep -q "is an older copy; it goes on as start" daemon.log
+await grep -q "is an older copy. It continues as session" daemon.log
 expect 0 splinemap snapshot again.splinemap --force
 expect 0 splinemap diff next.splinemap again.splinemap
 kill "$follower"

@@ -116,7 +116,7 @@ row() {
 # hashes MAP: what has to be the same in all copies.
 hashes() {
   splinemap layers "$1" --json | jq -c 'sort_by(.name, .origin) | .[] | select(.tiles != 0) | [.name, .origin,
-    .incarnation, .nonce, .commits, .hash, .muted, .yields, .shift_knots, .removed_up_to]'
+    .session_number, .session_nonce, .commits, .hash, .muted, .low_weight, .shift_knots, .removed_up_to]'
 }
 same() {  # A B
   expect 0 splinemap diff "$1" "$2"
@@ -160,7 +160,7 @@ kill_daemon robot-4
 wait_units 1
 stop robot-5
 cp robot-5.splinemap older.splinemap
-start robot-5  # twice, so that the others know a later start than the copy's next one
+start robot-5  # twice, so that the others know a later session than the copy's next one
 wait_units 1
 stop robot-5
 start robot-5
@@ -179,7 +179,7 @@ wait "${player[robot-2]}"
 stop robot-2
 wait "${player[@]}"
 row "replayed; late, left, killed, older file, base away"
-grep -q "is an older copy; it goes on as start" robot-5.log || fail "robot-5: $(cat robot-5.log)"
+grep -q "is an older copy. It continues as session" robot-5.log || fail "robot-5: $(cat robot-5.log)"
 
 # --- a client that comes last, and the robots' files
 begin_s=$(date +%s.%N)

@@ -19,9 +19,9 @@
 #include "lib/base/clock.h"
 #include "lib/base/mutex.h"
 #include "lib/base/status.h"
-#include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "lib/wire/lcm_bus.h"
+#include "lib/wire/sensor_messages.h"
 #include "tests/soak/bus_group.h"
 #include "tests/support/raw_message.h"
 

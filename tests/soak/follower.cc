@@ -1,5 +1,5 @@
 // Follows a map as a planner does, and prints how it is as a JSON line ten times a second. On
-// SIGTERM it waits until it is in sync, for some seconds, saves the map and ends.
+// SIGTERM it waits until it has caught up, for some seconds, saves the map and ends.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -12,8 +12,8 @@
 #include <thread>
 #include <vector>
 
-#include "clients/replica/map_replica.h"
 #include "lib/base/status.h"
+#include "lib/replica/map_replica.h"
 #include "lib/store/map_file.h"
 
 namespace splinemap {
@@ -21,23 +21,23 @@ namespace {
 
 std::sig_atomic_t is_ended = 0;
 
-bool IsWhole(const FollowedLayer& layer) { return layer.in_sync && layer.is_equal; }
+bool IsWhole(const FollowedLayer& layer) { return layer.caught_up && layer.matches_digest; }
 
 void Print(const FollowedLayer& layer, int64_t bytes_received) {
   const std::chrono::duration<double> now = std::chrono::system_clock::now().time_since_epoch();
   fmt::print(
-      "{{\"time_s\": {:.3f}, \"incarnation\": {}, \"revision\": {}, \"in_sync\": {}, "
+      "{{\"time_s\": {:.3f}, \"session_number\": {}, \"revision\": {}, \"caught_up\": {}, "
       "\"tiles\": {}, \"bytes\": {}, \"applied\": {}, \"stale\": {}, \"unusable\": {}, "
       "\"asked_tiles\": {}, \"asked_nodes\": {}}}\n",
-      now.count(), layer.epoch.incarnation, layer.revision, IsWhole(layer), layer.tiles,
+      now.count(), layer.session.number, layer.revision, IsWhole(layer), layer.tiles,
       bytes_received, layer.counts.applied, layer.counts.stale, layer.counts.unusable,
       layer.counts.asked_tiles, layer.counts.asked_nodes);
   std::fflush(stdout);
 }
 
-absl::Status Save(const MapSnapshot& map, const std::string& out) {
+absl::Status Save(const LayerSet& set, const std::string& out) {
   SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(out));
-  SPLINEMAP_RETURN_IF_ERROR(file.Save(map).status());
+  SPLINEMAP_RETURN_IF_ERROR(file.Save(set).status());
   return file.Close();
 }
 
@@ -46,15 +46,15 @@ absl::Status Run(const std::string& out, const FollowOptions& options) {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow("", options));
   constexpr int kTicksToSync = 50;
   int ticks_left = kTicksToSync;
-  bool in_sync = false;
-  while (is_ended == 0 || (!in_sync && --ticks_left > 0)) {
+  bool caught_up = false;
+  while (is_ended == 0 || (!caught_up && --ticks_left > 0)) {
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
-    const auto layers = replica->Layers();
-    in_sync = !layers.empty() && IsWhole(layers.front());
+    const auto layers = replica->FollowedLayers();
+    caught_up = !layers.empty() && IsWhole(layers.front());
     if (!layers.empty()) Print(layers.front(), replica->BytesReceived());
   }
-  SPLINEMAP_RETURN_IF_ERROR(Save(*replica->WholeSnapshot(), out));
-  return in_sync ? absl::OkStatus() : Unavailable("the map in {} is not whole", out);
+  SPLINEMAP_RETURN_IF_ERROR(Save(replica->SyncedLayers(), out));
+  return caught_up ? absl::OkStatus() : Unavailable("the map in {} is not whole", out);
 }
 
 int Main(int argc, char** argv) {

@@ -114,8 +114,8 @@ time_to_identity() {
   jq -s --slurpfile status status.json '
     ($status[0] | .utime / 1e6 - .newest_scan_age_s) as $mapped | $status[0] as $s |
     (map(select(.time_s >= $mapped)) | .[0].bytes) as $bytes_before |
-    map(select(.time_s >= $mapped and .in_sync and .revision == $s.revision
-      and .incarnation == $s.incarnation)) |
+    map(select(.time_s >= $mapped and .caught_up and .revision == $s.revision
+      and .session_number == $s.session_number)) |
     if length == 0 then null else .[0] | {s: (.time_s - $mapped), bytes: (.bytes - $bytes_before)} end' "$1.json"
 }
 
@@ -209,9 +209,9 @@ measure_rates() {
     scan_ms: (([$(IFS=,; echo "${times[*]}")] | add) / ${#times[@]}),
     revisions: ((${after[1]} - ${before[1]}) / \$s)}"
 }
-all_in_sync() {
+all_caught_up() {
   local name
-  for name in "${!followers[@]}"; do last "$name" .in_sync | grep -q true || return 1; done
+  for name in "${!followers[@]}"; do last "$name" .caught_up | grep -q true || return 1; done
 }
 many_followers() {
   local n before during player
@@ -239,7 +239,7 @@ many_followers() {
   sed -i 's/}/push_interval_ms: 3000 }/' daemon.textproto
   start_daemon
   sleep 2
-  await all_in_sync
+  await all_caught_up
   local asked answered lost sent_again
   asked=$(heard .asked_tiles number)
   answered=$(heard .answered_tiles number)
@@ -254,7 +254,7 @@ many_followers() {
   kill "$player"
   wait "$player" 2> /dev/null || true
   await all_mapped
-  await all_in_sync
+  await all_caught_up
   end
 }
 

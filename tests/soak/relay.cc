@@ -25,6 +25,9 @@
 #include <utility>
 #include <vector>
 
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/tile_update_t.hpp"
 #include "lib/base/clock.h"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
@@ -141,11 +144,11 @@ class Tally {
     Count(message.channel, 1, datagram_bytes);
     switch (TypeOf(message.bytes).value_or(MessageType::kStatus)) {
       case MessageType::kLayerPull:
-        if (const auto pull = DecodeLayerPull(message.bytes); pull.ok()) TakePull(*pull);
+        if (const auto pull = Decode<layer_pull_t>(message.bytes); pull.ok()) HandlePull(*pull);
         break;
       case MessageType::kLayerUpdates:
-        if (const auto updates = DecodeLayerUpdates(message.bytes); updates.ok()) {
-          TakeUpdates(*updates);
+        if (const auto updates = Decode<layer_updates_t>(message.bytes); updates.ok()) {
+          HandleUpdates(*updates);
         }
         break;
       default:
@@ -169,14 +172,14 @@ class Tally {
   }
 
  private:
-  void TakePull(const layer_pull_t& pull) {
+  void HandlePull(const layer_pull_t& pull) {
     for (int n = 0; n < pull.num_nodes; ++n) {
       const bool is_tile = pull.levels[n] == 0;
       Count(is_tile ? "asked_tiles" : "asked_nodes", 1, 0);
       if (is_tile) asked_.insert({pull.xs[n], pull.ys[n]});
     }
   }
-  void TakeUpdates(const layer_updates_t& updates) {
+  void HandleUpdates(const layer_updates_t& updates) {
     for (const tile_update_t& tile : updates.tiles) {
       const bool is_answer = tile.base_checksum == 0 && asked_.erase({tile.tx, tile.ty}) > 0;
       Count(is_answer ? "answered_tiles" : "pushed_tiles", 1, tile._getEncodedSizeNoHash());
@@ -251,7 +254,7 @@ absl::Status Run(const Flags& flags) {
       if (heard.is_own || is_cut != 0) continue;
       if (drops_updates > 0 && message.channel == "SPLINEMAP_UPDATES") {
         drops_updates = drops_updates - 1;
-        const auto updates = DecodeLayerUpdates(message.bytes);
+        const auto updates = Decode<layer_updates_t>(message.bytes);
         tally.Count("dropped_tiles", updates.ok() ? updates->num_tiles : 0, message.bytes.size());
         continue;
       }

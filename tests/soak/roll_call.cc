@@ -11,6 +11,8 @@
 #include <string>
 #include <vector>
 
+#include "lcmtypes/splinemap/layer_status_t.hpp"
+#include "lcmtypes/splinemap/layers_t.hpp"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/lcm_bus.h"
@@ -22,18 +24,18 @@ using SteadyClock = std::chrono::steady_clock;
 using Seconds = std::chrono::duration<double>;
 
 // One line a layer, with all that has to be equal; what is empty or removed alike is no difference.
-std::vector<std::string> LinesOf(const layers_t& layers) {
+std::vector<std::string> RowsOf(const layers_t& layers) {
   std::vector<std::string> lines;
   for (const layer_status_t& layer : layers.layers) {
     if (layer.num_tiles == 0) continue;
-    lines.push_back(fmt::format("{}@{:016x}: start {} {:016x}, {} tiles {:016x}{}", layer.name,
-                                static_cast<uint64_t>(layer.origin), layer.incarnation,
-                                static_cast<uint64_t>(layer.nonce), layer.num_tiles,
-                                static_cast<uint64_t>(layer.hash),
+    lines.push_back(fmt::format("{}@{:016x}: session {} {:016x}, {} tiles {:016x}{}",
+                                layer.settings.name, static_cast<uint64_t>(layer.settings.origin),
+                                layer.session_number, static_cast<uint64_t>(layer.session_nonce),
+                                layer.num_tiles, static_cast<uint64_t>(layer.hash),
                                 layer.state == "stale" ? ", stale" : ""));
   }
   std::sort(lines.begin(), lines.end());
-  lines.push_back(fmt::format("decisions {:016x}", static_cast<uint64_t>(layers.control_hash)));
+  lines.push_back(fmt::format("settings {:016x}", static_cast<uint64_t>(layers.settings_hash)));
   return lines;
 }
 
@@ -41,9 +43,9 @@ absl::Status Run(const std::vector<std::string>& names, double timeout_s) {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto bus, LcmBus::Open(""));
   std::map<std::string, std::vector<std::string>> said;
   bus->Subscribe("SPLINEMAP_LAYERS", [&](const std::string&, absl::Span<const uint8_t> message) {
-    const auto layers = DecodeLayers(message);
+    const auto layers = Decode<layers_t>(message);
     if (!layers.ok() || std::count(names.begin(), names.end(), layers->name) == 0) return;
-    said[layers->name] = LinesOf(*layers);
+    said[layers->name] = RowsOf(*layers);
   });
   const auto begin = SteadyClock::now();
   const auto passed_s = [&] { return Seconds(SteadyClock::now() - begin).count(); };

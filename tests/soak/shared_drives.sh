@@ -40,7 +40,7 @@ EOT
 # Layers with tiles, alike for all daemons that there should be?
 are_alike() {
   splinemap layers --live --json --wait 2.2 | jq -e --argjson daemons $((robots + 1)) --argjson robots "$robots" '
-    [.[].layers | map(select(.tiles > 0) | [.name, .incarnation, .hash]) | sort] |
+    [.[].layers | map(select(.tiles > 0) | [.name, .session_number, .hash]) | sort] |
     length == $daemons and (unique | length == 1 and (.[0] | length) == $robots)'
 }
 

@@ -24,24 +24,24 @@ TileTree Negated(const TileTree& tiles) {
   return negated.Freeze();
 }
 
-absl::Status Decide(const std::string& path, const std::string& name,
-                    const std::vector<std::string>& words) {
+absl::Status Edit(const std::string& path, const std::string& name,
+                  const std::vector<std::string>& words) {
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(path));
   SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(path));
-  MapSnapshot map = *loaded.map;
-  for (LayerSnapshot& layer : map.layers) {
+  LayerSet set = loaded.set;
+  for (LayerSnapshot& layer : set.layers) {
     if (layer.id.name != name) continue;
     if (words == std::vector<std::string>{"negated"}) {
       layer.tiles = Negated(layer.tiles);
       continue;
     }
-    LayerControl control = map.controls.Next(layer.id, RandomId());
-    control.muted = !words.empty() && words.front() == "muted";
-    control.shift = {};
-    if (words.size() == 2) control.shift = {std::stoi(words[0]), std::stoi(words[1])};
-    map.controls.Take(layer.id, control);
+    LayerSettings setting = set.settings.Next(layer.id, RandomId());
+    setting.muted = !words.empty() && words.front() == "muted";
+    setting.shift = {};
+    if (words.size() == 2) setting.shift = {std::stoi(words[0]), std::stoi(words[1])};
+    set.settings.Merge(layer.id, setting);
   }
-  SPLINEMAP_RETURN_IF_ERROR(file.Save(map).status());
+  SPLINEMAP_RETURN_IF_ERROR(file.Save(set).status());
   return file.Close();
 }
 
@@ -51,8 +51,7 @@ absl::Status Decide(const std::string& path, const std::string& name,
 int main(int argc, char** argv) {
   const std::vector<std::string> words(argv + 1, argv + argc);
   if (words.size() < 2) return 2;
-  const absl::Status status =
-      splinemap::Decide(words[0], words[1], {words.begin() + 2, words.end()});
+  const absl::Status status = splinemap::Edit(words[0], words[1], {words.begin() + 2, words.end()});
   if (!status.ok()) std::fprintf(stderr, "%s\n", splinemap::ErrorText(status).c_str());
   return status.ok() ? 0 : 1;
 }

@@ -1,14 +1,14 @@
 #include "tests/support/honest_owner.h"
 
-#include "lib/map/layer_control.h"
-#include "lib/map/tile_update.h"
-#include "lib/wire/decode.h"
+#include "lcmtypes/splinemap/layer_settings_t.hpp"
+#include "lib/layers/layer_settings.h"
+#include "lib/tiles/tile_codec.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap {
 
 HonestOwner::HonestOwner(const std::string& name, const MapOptions& options, uint64_t seed)
-    : options_(options), random_(seed), layer_(LayerId{name, random_()}, LayerEpoch{1, random_()}) {
+    : options_(options), random_(seed), layer_(LayerId{name, random_()}, SessionId{1, random_()}) {
   for (const TileKey key : {TileKey{0, 0}, TileKey{-1, 2}, TileKey{40, -3}}) {
     layer_.BeginCommit();
     layer_.EditTile(key) = RandomTile(random_, options_.limits);
@@ -36,6 +36,7 @@ void HonestOwner::Begin() {
   PublisherOptions publisher;
   publisher.digest_interval = std::chrono::milliseconds(500);
   publisher_.emplace(truth_, options_, publisher);
+  budget_.emplace(publisher.bytes_per_s);
 }
 
 void HonestOwner::Map(Clock::time_point now) {
@@ -45,37 +46,42 @@ void HonestOwner::Map(Clock::time_point now) {
   publisher_->SetLayer(truth_, now);
 }
 
-void HonestOwner::GoOnAs(const LayerId& id, const LayerEpoch& epoch) {
-  layer_.BeginLife(id, epoch);
+void HonestOwner::GoOnAs(const LayerId& id, const SessionId& session) {
+  layer_.StartSession(id, session);
   Begin();
 }
 
-void HonestOwner::Hear(absl::Span<const uint8_t> message, Clock::time_point now) {
-  if (const auto digest = DecodeLayerDigest(message); digest.ok()) {
-    identity_.TakeDigest(FromMessage(digest->layer), life(), now);
-  } else if (const auto stand_in = DecodeStandInDigest(message); stand_in.ok()) {
-    identity_.TakePull(FromMessage(stand_in->digest.layer), life(), now);
-  } else if (const auto pull = DecodeLayerPull(message); pull.ok()) {
-    identity_.TakePull(FromMessage(pull->layer), life(), now);
-    publisher_->TakePull(*pull, now);
-  } else if (const auto records = DecodeControlRecords(message); records.ok()) {
-    for (const layer_control_t& record : records->records) {
-      LayerControl control;
-      control.removed_up_to = static_cast<uint64_t>(record.removed_up_to);
-      const LayerId id{record.name, static_cast<uint64_t>(record.origin)};
+void HonestOwner::Hear(absl::Span<const uint8_t> bytes, Clock::time_point now) {
+  const auto message = DecodeReplication(bytes);
+  if (!message.ok() || SpeakerOf(*message) == truth_.session.nonce) return;
+  if (const auto* digest = std::get_if<layer_digest_t>(&*message)) {
+    if (IsOwners(*digest)) {
+      guard_.HandleDigest(FromMessage(digest->layer), ref(), now);
+    } else {
+      guard_.HandleKnown(FromMessage(digest->layer), ref(), now);
+    }
+  } else if (const auto* pull = std::get_if<layer_pull_t>(&*message)) {
+    guard_.HandleKnown(FromMessage(pull->layer), ref(), now);
+    publisher_->HandlePull(*pull, now);
+  } else if (const auto* settings = std::get_if<settings_t>(&*message)) {
+    for (const layer_settings_t& layer : settings->layers) {
+      LayerSettings setting;
+      setting.removed_up_to = static_cast<uint64_t>(layer.removed_up_to);
+      const LayerId id{layer.name, static_cast<uint64_t>(layer.origin)};
       // As if somebody gave it a new file.
-      if (id == life().id && control.IsValid() && control.IsRemoved(life().epoch)) {
+      if (id == ref().id && setting.IsValid() && setting.IsRemoved(ref().session)) {
         GoOnAs({id.name, random_()}, {1, random_()});
       }
     }
   }
 }
 
-std::vector<PublishedMessage> HonestOwner::Speak(Clock::time_point now) {
-  if (const auto next = identity_.Next(life(), now, random_())) {
-    GoOnAs(next->life.id, next->life.epoch);
+std::vector<ReplicationMessage> HonestOwner::Speak(Clock::time_point now) {
+  if (const auto next = guard_.Next(ref(), now, random_())) {
+    GoOnAs(next->ref.id, next->ref.session);
   }
-  return publisher_->Tick(now);
+  budget_->Refill(now, publisher_->HasChanges(), publisher_->HasPulls());
+  return publisher_->Tick(now, *budget_);
 }
 
 }  // namespace splinemap

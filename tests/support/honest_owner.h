@@ -8,9 +8,11 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "lib/map/map.h"
-#include "lib/replication/identity_watch.h"
-#include "lib/replication/levels_publisher.h"
+#include "lib/layers/layer_set.h"
+#include "lib/replication/byte_budget.h"
+#include "lib/replication/pyramid_publisher.h"
+#include "lib/replication/replication_message.h"
+#include "lib/replication/session_guard.h"
 
 namespace splinemap {
 
@@ -26,18 +28,18 @@ class HonestOwner {
   void Map(Clock::time_point now);
 
   // Any bytes from the bus.
-  void Hear(absl::Span<const uint8_t> message, Clock::time_point now);
+  void Hear(absl::Span<const uint8_t> bytes, Clock::time_point now);
   // What it says now.
-  std::vector<PublishedMessage> Speak(Clock::time_point now);
+  std::vector<ReplicationMessage> Speak(Clock::time_point now);
 
-  // What it has mapped, in its present life.
+  // What it has mapped, in its present session.
   const LayerSnapshot& truth() const { return truth_; }
-  LayerLife life() const { return {truth_.id, truth_.epoch, {}}; }
+  LayerRef ref() const { return {truth_.id, truth_.session, {}}; }
   // Whether it has ever mapped each of these tiles in the layer.
   bool HasMapped(const LayerId& id, const TileTree& tiles) const;
 
  private:
-  void GoOnAs(const LayerId& id, const LayerEpoch& epoch);
+  void GoOnAs(const LayerId& id, const SessionId& session);
   void Begin();
   void Remember();
 
@@ -45,8 +47,9 @@ class HonestOwner {
   std::mt19937_64 random_;
   Layer layer_;
   LayerSnapshot truth_;
-  std::optional<LevelsPublisher> publisher_;
-  IdentityWatch identity_;
+  std::optional<PyramidPublisher> publisher_;
+  std::optional<ByteBudget> budget_;  // of it
+  SessionGuard guard_;
   std::set<std::pair<LayerId, uint64_t>> mapped_;  // checksums of tiles
 };
 

@@ -7,6 +7,12 @@
 #include <cmath>
 #include <string>
 
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_status_t.hpp"
+#include "lcmtypes/splinemap/layers_t.hpp"
+#include "lcmtypes/splinemap/points_reply_t.hpp"
+#include "lcmtypes/splinemap/points_request_t.hpp"
+#include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/logs/lcm_log.h"
@@ -14,6 +20,7 @@
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "lib/wire/lcm_bus.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap {
 namespace {
@@ -41,7 +48,7 @@ layers_t Layers() {
   layers.refused = {Hostile("Xrefused")};
   layers.num_refused = 1;
   layer_status_t layer{};
-  layer.name = Hostile("Xlayer");
+  layer.settings.name = Hostile("Xlayer");
   layer.state = Hostile("Xstate");
   layers.layers = {layer};
   layers.num_layers = 1;
@@ -54,9 +61,10 @@ layer_digest_t Digest(const std::string& name, int64_t origin, double knot_inter
   layer_digest_t digest{};
   digest.layer.name = Hostile(name);
   digest.layer.origin = origin;
-  digest.layer.incarnation = 1;
-  digest.layer.nonce = 1;
-  digest.protocol_version = 1;
+  digest.layer.session_number = 1;
+  digest.layer.session_nonce = 1;
+  digest.speaker = 1;
+  digest.protocol_version = 2;
   digest.knot_interval_m = knot_interval_m;
   digest.root_level = 1;
   digest.min_control_point = -2560;
@@ -70,18 +78,18 @@ absl::Status Shout() {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto bus, LcmBus::Open(""));
   bus->Subscribe("SPLINEMAP_POINTS_REQUESTS",
                  [&](const std::string&, absl::Span<const uint8_t> message) {
-                   const auto request = DecodeRpc<points_request_t>(message);
+                   const auto request = Decode<points_request_t>(message);
                    if (!request.ok()) return;
                    points_reply_t reply{};
-                   reply.head.id = request->head.id;
-                   reply.head.name = Hostile("Xrobot");
-                   reply.head.daemon_nonce = 7;
-                   reply.head.incarnation = 1;
+                   reply.header.id = request->header.id;
+                   reply.header.name = Hostile("Xrobot");
+                   reply.header.daemon_nonce = 7;
+                   reply.header.session_number = 1;
                    if (request->num_points > 0) {
-                     reply.head.status = 3;
-                     reply.head.status_text = Hostile("Xtext");
+                     reply.header.status = 3;
+                     reply.header.status_text = Hostile("Xtext");
                    }
-                   const auto client = static_cast<uint64_t>(request->head.client);
+                   const auto client = static_cast<uint64_t>(request->header.client);
                    bus->Publish(fmt::format("SPLINEMAP_REPLIES_{:016x}", client), reply);
                  });
   for (auto next = std::chrono::steady_clock::now();; bus->Handle(std::chrono::milliseconds(10))) {
@@ -118,19 +126,19 @@ absl::Status WriteLog(const std::string& path) {
 }
 
 absl::Status WriteMap(const std::string& path) {
-  Map map({0.05, {-2560, 2560}});
+  MapWriter map({0.05, {-2560, 2560}});
   for (const char* name : {"Xfirst", "Xsecond", "Xmuted"}) {
     Layer& layer = map.AddLayer({Hostile(name), RandomId()}, {1, 1});
     layer.BeginCommit();
     layer.EditTile({0, 0}).control_points.fill(static_cast<ControlPoint>(1 + RandomId() % 100));
   }
-  MapSnapshot snapshot = *map.Snapshot();
-  LayerControl muted;
+  LayerSet set = map.Layers();
+  LayerSettings muted;
   muted.muted = true;
   muted.counter = 1;
-  snapshot.controls.Take(snapshot.layers.back().id, muted);
+  set.settings.Merge(set.layers.back().id, muted);
   SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(path));
-  SPLINEMAP_RETURN_IF_ERROR(file.Save(snapshot).status());
+  SPLINEMAP_RETURN_IF_ERROR(file.Save(set).status());
   return file.Close();
 }
 

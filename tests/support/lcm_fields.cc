@@ -42,16 +42,16 @@ Number NumberOf(std::string bytes) {
   return number;
 }
 
-std::string TakeBytes(size_t size, absl::Span<const uint8_t>& rest) {
+std::string ReadBytes(size_t size, absl::Span<const uint8_t>& rest) {
   if (size > rest.size()) throw std::runtime_error("a message that is too short for its type");
   const std::string bytes(rest.begin(), rest.begin() + static_cast<ptrdiff_t>(size));
   rest.remove_prefix(size);
   return bytes;
 }
 
-std::string TakePrimitive(const std::string& type, absl::Span<const uint8_t>& rest) {
-  if (type != "string") return TakeBytes(SizeOf(type), rest);
-  std::string text = TakeBytes(NumberOf<uint32_t>(TakeBytes(4, rest)), rest);
+std::string ReadPrimitive(const std::string& type, absl::Span<const uint8_t>& rest) {
+  if (type != "string") return ReadBytes(SizeOf(type), rest);
+  std::string text = ReadBytes(NumberOf<uint32_t>(ReadBytes(4, rest)), rest);
   text.pop_back();  // the closing 0
   return text;
 }
@@ -165,7 +165,7 @@ std::vector<std::string> LcmTypes::Messages() const {
 }
 
 LcmValue LcmTypes::Parse(const std::string& type, absl::Span<const uint8_t> message) const {
-  const std::string hash = TakeBytes(8, message);
+  const std::string hash = ReadBytes(8, message);
   LcmValue value = Take(type, message);
   value.bytes = hash;
   if (!message.empty()) throw std::runtime_error("a message that is too long for " + type);
@@ -176,7 +176,7 @@ LcmValue LcmTypes::Take(const std::string& type, absl::Span<const uint8_t>& rest
   LcmValue value;
   value.type = type;
   if (!IsStruct(type)) {
-    value.bytes = TakePrimitive(type, rest);
+    value.bytes = ReadPrimitive(type, rest);
     return value;
   }
   std::map<std::string, int32_t> counts;

@@ -6,7 +6,9 @@
 #include <string>
 #include <utility>
 
-#include "lib/map/map.h"
+#include "lib/layers/layer_set.h"
+#include "lib/map/summed_layers.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/temporary_directory.h"
 
 namespace splinemap {
@@ -29,15 +31,15 @@ class MapFileTest : public testing::Test {
     for (int k = -3; k < 4; ++k) layer.EditTile({k, value % 3}).control_points.fill(value);
   }
 
-  static void ExpectEqual(const MapSnapshot& a, const MapSnapshot& b) {
+  static void ExpectEqual(const LayerSet& a, const LayerSet& b) {
     EXPECT_EQ(a.options, b.options);
-    EXPECT_EQ(a.controls, b.controls);
+    EXPECT_EQ(a.settings, b.settings);
     EXPECT_EQ(a.own_layer, b.own_layer);
-    EXPECT_EQ(ContentOf(a.merged), ContentOf(b.merged));
+    EXPECT_EQ(ContentOf(ViewOf(a)->tiles), ContentOf(ViewOf(b)->tiles));
     ASSERT_EQ(a.layers.size(), b.layers.size());
     for (size_t k = 0; k < a.layers.size(); ++k) {
       EXPECT_EQ(a.layers[k].id, b.layers[k].id);
-      EXPECT_EQ(a.layers[k].epoch, b.layers[k].epoch);
+      EXPECT_EQ(a.layers[k].session, b.layers[k].session);
       EXPECT_EQ(a.layers[k].revision, b.layers[k].revision);
       EXPECT_EQ(ContentOf(a.layers[k].tiles), ContentOf(b.layers[k].tiles));
     }
@@ -45,7 +47,7 @@ class MapFileTest : public testing::Test {
 
   TemporaryDirectory directory_;
   std::string path_ = directory_.File("map.splinemap");
-  Map map_{{0.1, {-2560, 5120}}};
+  MapWriter map_{{0.1, {-2560, 5120}}};
 };
 
 }  // namespace splinemap

@@ -2,6 +2,12 @@
 
 #include <utility>
 
+#include "lcmtypes/splinemap/command_reply_t.hpp"
+#include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/layer_command_request_t.hpp"
+#include "lcmtypes/splinemap/layers_t.hpp"
+#include "lcmtypes/splinemap/points_reply_t.hpp"
+#include "lcmtypes/splinemap/reply_t.hpp"
 #include "lib/base/status.h"
 #include "lib/rpc/messages.h"
 #include "lib/wire/decode.h"
@@ -26,10 +32,10 @@ absl::StatusOr<std::unique_ptr<MemoryDaemon>> MemoryDaemon::Start(
   bus->Subscribe(ReplyChannel(prefix, kClient),
                  [d = daemon.get()](const std::string&, absl::Span<const uint8_t> message) {
                    reply_t reply;
-                   if (const auto points = DecodeRpc<points_reply_t>(message); points.ok()) {
-                     reply = points->head;
-                   } else if (const auto done = DecodeRpc<command_reply_t>(message); done.ok()) {
-                     reply = done->head;
+                   if (const auto points = Decode<points_reply_t>(message); points.ok()) {
+                     reply = points->header;
+                   } else if (const auto done = Decode<command_reply_t>(message); done.ok()) {
+                     reply = done->header;
                    } else {
                      return;
                    }
@@ -39,7 +45,7 @@ absl::StatusOr<std::unique_ptr<MemoryDaemon>> MemoryDaemon::Start(
                  });
   bus->Subscribe(prefix + "_LAYERS",
                  [d = daemon.get()](const std::string&, absl::Span<const uint8_t> message) {
-                   const auto layers = DecodeLayers(message);
+                   const auto layers = Decode<layers_t>(message);
                    if (!layers.ok()) return;
                    MutexLock lock(d->mutex_);
                    d->layers_ = *layers;
@@ -54,7 +60,7 @@ absl::StatusOr<std::unique_ptr<MemoryDaemon>> MemoryDaemon::Start(
   SPLINEMAP_ASSIGN_OR_RETURN(const reply_t found,
                              daemon->Ask(Rpc<PointsQuery>::kChannel, ToMessage(PointsQuery{}, {})));
   daemon->nonce_ = found.daemon_nonce;
-  daemon->incarnation_ = found.incarnation;
+  daemon->session_number_ = found.session_number;
   return daemon;
 }
 
@@ -71,16 +77,16 @@ std::optional<layers_t> MemoryDaemon::Layers() {
 
 template <typename Request>
 absl::StatusOr<reply_t> MemoryDaemon::Ask(const std::string& channel, Request request) {
-  request.head = {};
-  request.head.client = kClient;
-  request.head.id = ++last_id_;
-  request.head.daemon_nonce = nonce_;
+  request.header = {};
+  request.header.client = kClient;
+  request.header.id = ++last_id_;
+  request.header.daemon_nonce = nonce_;
   const auto deadline = Clock::now() + kPatience;
   while (Clock::now() < deadline) {
     bus_->Publish("SPLINEMAP" + channel, request);
     std::unique_lock lock(mutex_);
     const bool is_there = heard_.wait_for(
-        lock, kRetry, [&] { return reply_.has_value() && reply_->id == request.head.id; });
+        lock, kRetry, [&] { return reply_.has_value() && reply_->id == request.header.id; });
     if (is_there) return *reply_;
   }
   return absl::DeadlineExceededError("the daemon does not answer");
@@ -88,15 +94,17 @@ absl::StatusOr<reply_t> MemoryDaemon::Ask(const std::string& channel, Request re
 
 template <typename Request>
 absl::Status MemoryDaemon::Command(Request request) {
-  // Once more, where the layer has begun another life meanwhile.
+  // Once more, where the layer has begun another session meanwhile.
   for (int n = 0; n < 2; ++n) {
-    if constexpr (std::is_same_v<Request, command_request_t>) request.incarnation = incarnation_;
+    if constexpr (std::is_same_v<Request, command_request_t>)
+      request.session_number = session_number_;
     SPLINEMAP_ASSIGN_OR_RETURN(const reply_t reply, Ask(kCommandChannel, request));
-    const bool is_same_life = std::exchange(incarnation_, reply.incarnation) == reply.incarnation;
+    const bool is_same_session =
+        std::exchange(session_number_, reply.session_number) == reply.session_number;
     if (reply.status == 0) return absl::OkStatus();
-    if (is_same_life) return StatusOf(reply);
+    if (is_same_session) return StatusOf(reply);
   }
-  return absl::FailedPreconditionError("the layer begins one life after the other");
+  return absl::FailedPreconditionError("the layer begins one session after the other");
 }
 
 absl::Status MemoryDaemon::Save() {
@@ -105,7 +113,7 @@ absl::Status MemoryDaemon::Save() {
   return Command(save);
 }
 
-absl::Status MemoryDaemon::Decide(const std::string& command, const LayerId& id) {
+absl::Status MemoryDaemon::Set(const std::string& command, const LayerId& id) {
   layer_command_request_t request{};
   request.command = command;
   request.name = id.name;

@@ -10,6 +10,7 @@
 #include "absl/status/status.h"
 #include "absl/types/span.h"
 #include "lcmtypes/splinemap/layers_t.hpp"
+#include "lcmtypes/splinemap/reply_t.hpp"
 #include "lib/base/mutex.h"
 #include "lib/wire/encode.h"
 #include "services/splinemapd/daemon.h"
@@ -36,7 +37,7 @@ class MemoryDaemon {
   // DeadlineExceeded after ten seconds.
   absl::Status Save();
   // About a layer: "mute", "unmute".
-  absl::Status Decide(const std::string& command, const LayerId& id);
+  absl::Status Set(const std::string& command, const LayerId& id);
 
   absl::Status Stop() { return daemon_->Stop(); }
   int64_t nonce() const { return nonce_; }
@@ -54,7 +55,7 @@ class MemoryDaemon {
   std::optional<layers_t> layers_ ABSL_GUARDED_BY(mutex_);
   int64_t last_id_ = 0;
   int64_t nonce_ = 0;
-  int64_t incarnation_ = 0;
+  int64_t session_number_ = 0;
   std::unique_ptr<Daemon> daemon_;
 };
 

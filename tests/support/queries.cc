@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 
+#include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap {
@@ -28,9 +29,9 @@ bool AllSame(const Items& a, const Items& b, IsSame is_same) {
 
 }  // namespace
 
-std::shared_ptr<const MapSnapshot> RandomMap(uint64_t seed) {
+std::shared_ptr<const MapView> RandomMap(uint64_t seed) {
   std::mt19937_64 random(seed);
-  Map map({0.05, {-2560, 2560}});
+  MapWriter map({0.05, {-2560, 2560}});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   for (int commits = 0; commits < 20; ++commits) {
     layer.BeginCommit();
@@ -38,7 +39,7 @@ std::shared_ptr<const MapSnapshot> RandomMap(uint64_t seed) {
       layer.EditTile(RandomKey(random, 6)) = RandomTile(random, map.options().limits);
     }
   }
-  return map.Snapshot();
+  return map.View();
 }
 
 PointsQuery RandomPoints(std::mt19937_64& random, size_t size) {
@@ -52,7 +53,7 @@ PointsQuery RandomPoints(std::mt19937_64& random, size_t size) {
 RaysQuery RandomRays(std::mt19937_64& random, size_t size) {
   RaysQuery query;
   query.occupied_log_odds = Uniform(random, -1, 1);
-  query.unknown = size % 2 == 1 ? Unknown::kPasses : Unknown::kStops;
+  query.unknown = size % 2 == 1 ? UnknownPolicy::kFree : UnknownPolicy::kBlocked;
   for (size_t k = 0; k < size; ++k) {
     query.rays.push_back({RandomPoint(random), Uniform(random, -4, 4), Uniform(random, 0, 20)});
   }
@@ -61,7 +62,7 @@ RaysQuery RandomRays(std::mt19937_64& random, size_t size) {
 
 SweepsQuery RandomSweeps(std::mt19937_64& random, size_t size) {
   SweepsQuery query;
-  query.unknown = size % 2 == 1 ? Unknown::kPasses : Unknown::kStops;
+  query.unknown = size % 2 == 1 ? UnknownPolicy::kFree : UnknownPolicy::kBlocked;
   for (size_t k = 0; k < size; ++k) {
     Sweep& sweep = query.sweeps.emplace_back();
     sweep.radius_m = Uniform(random, 0, 0.3);

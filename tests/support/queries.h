@@ -4,13 +4,13 @@
 #include <memory>
 #include <random>
 
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 #include "lib/query/queries.h"
 
 namespace splinemap {
 
 // A map of one layer, "robot", within 10 m of the origin.
-std::shared_ptr<const MapSnapshot> RandomMap(uint64_t seed);
+std::shared_ptr<const MapView> RandomMap(uint64_t seed);
 
 // Queries of that many items in and around it. A raster has that many cells, or up to a row more.
 PointsQuery RandomPoints(std::mt19937_64& random, size_t size);

@@ -2,7 +2,7 @@
 
 #include <random>
 
-#include "lib/map/tile.h"
+#include "lib/tiles/tile.h"
 
 namespace splinemap {
 

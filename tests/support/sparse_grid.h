@@ -5,7 +5,7 @@
 #include <memory>
 
 #include "absl/container/flat_hash_map.h"
-#include "lib/map/tile.h"
+#include "lib/tiles/tile.h"
 
 namespace splinemap {
 

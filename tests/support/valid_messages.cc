@@ -3,10 +3,20 @@
 #include <random>
 #include <variant>
 
-#include "lib/map/tile_update.h"
-#include "lib/replication/channels.h"
-#include "lib/replication/levels_publisher.h"
+#include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/layer_command_request_t.hpp"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_settings_t.hpp"
+#include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/request_t.hpp"
+#include "lcmtypes/splinemap/settings_t.hpp"
+#include "lcmtypes/splinemap/tile_update_t.hpp"
+#include "lib/replication/byte_budget.h"
+#include "lib/replication/pyramid_publisher.h"
+#include "lib/replication/replication_message.h"
 #include "lib/rpc/messages.h"
+#include "lib/tiles/tile_codec.h"
 #include "lib/wire/encode.h"
 #include "tests/support/queries.h"
 
@@ -22,37 +32,39 @@ ValidMessage Make(const std::string& channel, const Message& message) {
 
 template <typename Message>
 ValidMessage Make(const Message& message) {
-  return Make(ChannelOf(message), message);
+  return Make(ChannelOf(message, ""), message);
 }
 
-request_t Head(int64_t daemon_nonce) {
-  request_t head{};
-  head.client = kSomebody;
-  head.id = 1;
-  head.daemon_nonce = daemon_nonce;
-  return head;
+request_t Header(int64_t daemon_nonce) {
+  request_t header{};
+  header.client = kSomebody;
+  header.id = 1;
+  header.daemon_nonce = daemon_nonce;
+  return header;
 }
 
 }  // namespace
 
 std::vector<ValidMessage> MessagesOf(const LayerSnapshot& layer, const MapOptions& options) {
   const Clock::time_point now{};
-  LevelsPublisher publisher(layer, options, {});
+  PyramidPublisher publisher(layer, options, {});
   layer_pull_t pull;
-  pull.layer = ToMessage(LayerLife{layer.id, layer.epoch, {}});
+  pull.speaker = kSomebody;
+  pull.layer = ToMessage(LayerRef{layer.id, layer.session, {}});
   pull.num_nodes = 3;
   pull.levels = {1, 1, 0};
   pull.xs = {0, -1, 0};
   pull.ys = {0, 0, 0};
-  publisher.TakePull(pull, now);
+  publisher.HandlePull(pull, now);
   std::vector<ValidMessage> messages{Make(pull)};
-  for (const PublishedMessage& said : publisher.Tick(now)) {
+  ByteBudget budget(PublisherOptions().bytes_per_s);
+  budget.Refill(now, publisher.HasChanges(), publisher.HasPulls());
+  for (const ReplicationMessage& said : publisher.Tick(now, budget)) {
     std::visit([&](const auto& message) { messages.push_back(Make(message)); }, said);
     if (const auto* digest = std::get_if<layer_digest_t>(&said)) {
-      stand_in_digest_t stand_in;
-      stand_in.daemon_nonce = kSomebody;
-      stand_in.digest = *digest;
-      messages.push_back(Make(stand_in));
+      layer_digest_t of_proxy = *digest;
+      of_proxy.speaker = kSomebody;
+      messages.push_back(Make(of_proxy));
     }
   }
   return messages;
@@ -60,7 +72,8 @@ std::vector<ValidMessage> MessagesOf(const LayerSnapshot& layer, const MapOption
 
 ValidMessage FalseUpdates(const LayerSnapshot& layer, ControlPoint value) {
   layer_updates_t updates;
-  updates.layer = ToMessage(LayerLife{layer.id, layer.epoch, {}});
+  updates.speaker = static_cast<int64_t>(layer.session.nonce);
+  updates.layer = ToMessage(LayerRef{layer.id, layer.session, {}});
   Tile tile;
   tile.control_points.fill(value);
   for (const TileKey key : {TileKey{0, 0}, TileKey{5, 5}}) {
@@ -78,26 +91,26 @@ ValidMessage FalseUpdates(const LayerSnapshot& layer, ControlPoint value) {
   return Make(updates);
 }
 
-ValidMessage ControlRecords(const LayerId& id, uint64_t counter) {
-  control_records_t records;
-  records.sender = kSomebody;
-  records.hash = 1;
-  records.num_records = 1;
-  layer_control_t& record = records.records.emplace_back();
-  record = {};
-  record.name = id.name;
-  record.origin = static_cast<int64_t>(id.origin);
-  record.counter = static_cast<int64_t>(counter);
-  record.writer = kSomebody;
-  return Make(records);
+ValidMessage SettingsMessage(const LayerId& id, uint64_t counter) {
+  settings_t message;
+  message.speaker = kSomebody;
+  message.hash = 1;
+  message.num_layers = 1;
+  layer_settings_t& settings = message.layers.emplace_back();
+  settings = {};
+  settings.name = id.name;
+  settings.origin = static_cast<int64_t>(id.origin);
+  settings.counter = static_cast<int64_t>(counter);
+  settings.writer = kSomebody;
+  return Make(message);
 }
 
 std::vector<ValidMessage> Queries(int64_t daemon_nonce) {
   std::mt19937_64 random(3);
   std::vector<ValidMessage> queries;
   const auto add = [&]<typename Query>(const Query& query) {
-    auto request = ToMessage(query, Cut(query)[0]);
-    request.head = Head(daemon_nonce);
+    auto request = ToMessage(query, Split(query)[0]);
+    request.header = Header(daemon_nonce);
     queries.push_back(Make(Rpc<Query>::kChannel, request));
   };
   add(RandomPoints(random, 2));
@@ -109,25 +122,25 @@ std::vector<ValidMessage> Queries(int64_t daemon_nonce) {
   return queries;
 }
 
-std::vector<ValidMessage> Decisions(const LayerSnapshot& layer, int64_t daemon_nonce) {
-  std::vector<ValidMessage> decisions;
-  for (const char* command : {"mute", "unmute", "yield", "insist", "shift", "remove"}) {
+std::vector<ValidMessage> LayerCommands(const LayerSnapshot& layer, int64_t daemon_nonce) {
+  std::vector<ValidMessage> commands;
+  for (const char* command : {"mute", "unmute", "low-weight", "normal-weight", "shift", "remove"}) {
     layer_command_request_t request{};
-    request.head = Head(daemon_nonce);
+    request.header = Header(daemon_nonce);
     request.command = command;
     request.name = layer.id.name;
     request.origin = static_cast<int64_t>(layer.id.origin);
-    request.incarnation = static_cast<int64_t>(layer.epoch.incarnation);
-    decisions.push_back(Make(kCommandChannel, request));
+    request.session_number = static_cast<int64_t>(layer.session.number);
+    commands.push_back(Make(kCommandChannel, request));
   }
-  return decisions;
+  return commands;
 }
 
-ValidMessage Command(const std::string& command, uint64_t incarnation, int64_t daemon_nonce) {
+ValidMessage Command(const std::string& command, uint64_t session_number, int64_t daemon_nonce) {
   command_request_t request{};
-  request.head = Head(daemon_nonce);
+  request.header = Header(daemon_nonce);
   request.command = command;
-  request.incarnation = static_cast<int64_t>(incarnation);
+  request.session_number = static_cast<int64_t>(session_number);
   return Make(kCommandChannel, request);
 }
 

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "lib/map/map.h"
+#include "lib/layers/layer_set.h"
 
 namespace splinemap {
 
@@ -15,23 +15,23 @@ struct ValidMessage {
   std::vector<uint8_t> bytes;
 };
 
-// What an owner, a stand-in and a follower of a layer say of it, level 0: one of each type at
+// What an owner, a proxy and a follower of a layer say of it, level 0: one of each type at
 // least.
 std::vector<ValidMessage> MessagesOf(const LayerSnapshot& layer, const MapOptions& options);
 
 // A valid change of two tiles that the owner never made, to control points of one value.
 ValidMessage FalseUpdates(const LayerSnapshot& layer, ControlPoint value);
 
-// A record that decides nothing, to be changed.
-ValidMessage ControlRecords(const LayerId& id, uint64_t counter);
+// Settings that change nothing, to be changed.
+ValidMessage SettingsMessage(const LayerId& id, uint64_t counter);
 
 // A request of each query.
 std::vector<ValidMessage> Queries(int64_t daemon_nonce);
 
-// Decisions about a layer, one of each command.
-std::vector<ValidMessage> Decisions(const LayerSnapshot& layer, int64_t daemon_nonce);
+// Commands about a layer, one of each kind.
+std::vector<ValidMessage> LayerCommands(const LayerSnapshot& layer, int64_t daemon_nonce);
 
 // A command to a daemon about its own layer.
-ValidMessage Command(const std::string& command, uint64_t incarnation, int64_t daemon_nonce);
+ValidMessage Command(const std::string& command, uint64_t session_number, int64_t daemon_nonce);
 
 }  // namespace splinemap

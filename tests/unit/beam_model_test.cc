@@ -8,8 +8,9 @@
 #include <random>
 #include <vector>
 
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 #include "lib/spline/basis.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::beam_model_test {
 
@@ -19,15 +20,15 @@ PlacedBeam Beam(double x, double y, double bearing_rad, double range_m, bool hit
   return {{x, y}, {std::cos(bearing_rad), std::sin(bearing_rad)}, range_m, hit};
 }
 
-std::shared_ptr<const MapSnapshot> MapOf(const std::vector<PlacedBeam>& beams,
-                                         BeamModelOptions options = {},
-                                         const ScanKernel& kernel = FastestScanKernel()) {
-  Map map({kKnot, {}});
+std::shared_ptr<const MapView> MapOf(const std::vector<PlacedBeam>& beams,
+                                     BeamModelOptions options = {},
+                                     const ScanKernel& kernel = FastestScanKernel()) {
+  MapWriter map({kKnot, {}});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   ScanScratch scratch(kernel);
   BeamModel(options, kKnot).Accumulate(beams, scratch);
   scratch.CommitTo(layer, map.options().limits);
-  return map.Snapshot();
+  return map.View();
 }
 
 TEST(BeamModelTest, AHitRaisesTheSurfaceAtItsPointByKappa) {
@@ -65,8 +66,8 @@ std::map<std::pair<int, int>, double> PaperSums(const std::vector<PlacedBeam>& b
   return sums;
 }
 
-double ControlPointAt(const MapSnapshot& map, int i, int j) {
-  const Tile* tile = map.merged.Find(TileOf(i, j));
+double ControlPointAt(const MapView& map, int i, int j) {
+  const Tile* tile = map.tiles.Find(TileOf(i, j));
   return tile == nullptr ? 0 : tile->control_points[IndexInTile(i, j)] / double{kUnitsPerLogOdds};
 }
 
@@ -136,10 +137,10 @@ std::vector<PlacedBeam> RandomBeams(int count) {
   return beams;
 }
 
-void ExpectEqual(const MapSnapshot& a, const MapSnapshot& b) {
-  ASSERT_EQ(a.merged.size(), b.merged.size());
-  a.merged.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    const Tile* other = b.merged.Find(key);
+void ExpectEqual(const MapView& a, const MapView& b) {
+  ASSERT_EQ(a.tiles.size(), b.tiles.size());
+  a.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    const Tile* other = b.tiles.Find(key);
     ASSERT_NE(other, nullptr);
     EXPECT_EQ(*entry.tile, *other);
   });
@@ -150,7 +151,7 @@ TEST(BeamModelTest, EveryKernelMakesTheBytesOfThePlainOne) {
   for (const FreeSpace free_space : {FreeSpace::kLineIntegral, FreeSpace::kSamples}) {
     const BeamModelOptions options{.free_space = free_space};
     const auto plain = MapOf(beams, options, ScanKernels().front());
-    EXPECT_GT(plain->merged.size(), 500u);
+    EXPECT_GT(plain->tiles.size(), 500u);
     for (const ScanKernel& kernel : ScanKernels()) {
       SCOPED_TRACE(kernel.name);
       ExpectEqual(*plain, *MapOf(beams, options, kernel));
@@ -160,7 +161,7 @@ TEST(BeamModelTest, EveryKernelMakesTheBytesOfThePlainOne) {
 
 TEST(BeamModelTest, ABeamWithoutHitOnlyClears) {
   const auto map = MapOf({Beam(0, 0, 0.3, 5, false)});
-  map->merged.ForEach([](TileKey, const TileTree::Entry& entry) {
+  map->tiles.ForEach([](TileKey, const TileTree::Entry& entry) {
     for (const ControlPoint c : entry.tile->control_points) EXPECT_LE(c, 0);
   });
   EXPECT_LT(map->Evaluate(2 * std::cos(0.3), 2 * std::sin(0.3)).log_odds, -0.2);

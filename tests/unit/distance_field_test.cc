@@ -1,4 +1,4 @@
-#include "lib/query/distance_field.h"
+#include "lib/distance/distance_field.h"
 
 #include <gtest/gtest.h>
 
@@ -12,6 +12,7 @@
 #include "lib/query/footprint.h"
 #include "lib/query/local_map.h"
 #include "lib/query/obstacle_search.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::distance_field_test {
 
@@ -69,22 +70,22 @@ class World {
     const double x_m = coordinate(random_);
     return {x_m, coordinate(random_)};
   }
-  std::shared_ptr<const MapSnapshot> Snapshot() { return map_.Snapshot(); }
+  std::shared_ptr<const MapView> View() { return map_.View(); }
 
  private:
   std::mt19937_64 random_;
-  Map map_{MapOptions{}};
+  MapWriter map_{MapOptions{}};
   Layer* layer_;
 };
 
-DistanceField FieldOf(const std::shared_ptr<const MapSnapshot>& map,
+DistanceField FieldOf(const std::shared_ptr<const MapView>& map,
                       const DistanceFieldOptions& options) {
   return DistanceFieldEditor(options).Update(map);
 }
 
 class ExactSearch {
  public:
-  ExactSearch(std::shared_ptr<const MapSnapshot> map, const DistanceFieldOptions& options)
+  ExactSearch(std::shared_ptr<const MapView> map, const DistanceFieldOptions& options)
       : map_(std::move(map)),
         options_(options),
         bounds_(SurfaceBoundsEditor().Update(*map_)),
@@ -95,7 +96,7 @@ class ExactSearch {
   }
 
  private:
-  const std::shared_ptr<const MapSnapshot> map_;
+  const std::shared_ptr<const MapView> map_;
   const DistanceFieldOptions options_;
   const SurfaceBounds bounds_;
   ObstacleSearch search_;
@@ -103,8 +104,8 @@ class ExactSearch {
 
 std::vector<DistanceFieldOptions> Choices() {
   std::vector<DistanceFieldOptions> choices;
-  for (const Unknown unknown : {Unknown::kPasses, Unknown::kStops}) {
-    for (const double threshold : {kEvenLogOdds, -2.5, 3.0}) {
+  for (const UnknownPolicy unknown : {UnknownPolicy::kFree, UnknownPolicy::kBlocked}) {
+    for (const double threshold : {kDefaultOccupied, -2.5, 3.0}) {
       for (const double max_distance_m : {0.4, 2.0}) {
         choices.push_back({max_distance_m, threshold, unknown});
       }
@@ -117,7 +118,7 @@ TEST(DistanceFieldTest, DiffersFromTheSearchByNoMoreThanItsBound) {
   for (uint64_t seed = 0; seed < 4; ++seed) {
     World world(seed);
     world.BuildRooms(48);
-    const auto map = world.Snapshot();
+    const auto map = world.View();
     for (const DistanceFieldOptions& options : Choices()) {
       const DistanceField field = FieldOf(map, options);
       ExactSearch exact(map, options);
@@ -148,7 +149,7 @@ TEST(DistanceFieldTest, AnswersAPlanner) {
   World world(1);
   world.Fill(-20, -20, 60, 60, kFree);
   world.Fill(-20, 6, 60, 3, 2500);
-  const auto map = world.Snapshot();
+  const auto map = world.View();
   DistanceFieldEditor editor({.max_distance_m = 0.6});
   DistanceField field = editor.Update(map);  // and again after changes: it costs what changed
   const DistancesQuery::Distance clearance = field.At({0.3, 0.7});  // from any thread
@@ -157,10 +158,10 @@ TEST(DistanceFieldTest, AnswersAPlanner) {
 }
 
 TEST(DistanceFieldTest, DistancesAreThoseOfBruteForce) {
-  for (const Unknown unknown : {Unknown::kPasses, Unknown::kStops}) {
+  for (const UnknownPolicy unknown : {UnknownPolicy::kFree, UnknownPolicy::kBlocked}) {
     World world(20);
     world.BuildRooms(40);
-    const auto map = world.Snapshot();
+    const auto map = world.View();
     const DistanceFieldOptions options{.unknown = unknown};
     const DistanceField field = FieldOf(map, options);
     constexpr double kStep_m = kKnot_m / 4;
@@ -168,7 +169,7 @@ TEST(DistanceFieldTest, DistancesAreThoseOfBruteForce) {
     for (double y_m = -3; y_m < 3; y_m += kStep_m) {
       for (double x_m = -3; x_m < 3; x_m += kStep_m) {
         const SurfaceSample sample = map->Evaluate(x_m, y_m);
-        if (sample.known ? sample.log_odds >= 0 : unknown == Unknown::kStops) {
+        if (sample.known ? sample.log_odds >= 0 : unknown == UnknownPolicy::kBlocked) {
           obstacles_m.emplace_back(x_m, y_m);
         }
       }
@@ -218,7 +219,7 @@ TEST(DistanceFieldTest, HoldsItsBoundBetweenSpecksThatNoVertexIsNearestTo) {
       world.Put(0, -reach, 2500);
       world.Put(reach + shift, 0, 2200);
       world.Put(reach + shift, 1, 2200);
-      const auto map = world.Snapshot();
+      const auto map = world.View();
       const DistanceFieldOptions options;
       const DistanceField field = FieldOf(map, options);
       ExactSearch exact(map, options);
@@ -242,7 +243,7 @@ TEST(DistanceFieldTest, HoldsItsBoundAmongSpecksBetweenFourVertices) {
     for (int j = -20; j <= 20; j += 2) {
       for (int i = -20; i <= 20; i += 2) world.Put(i, j, world.Between(-1110, -1060));
     }
-    const auto map = world.Snapshot();
+    const auto map = world.View();
     const DistanceField field = FieldOf(map, options);
     ExactSearch exact(map, options);
     for (int n = 0; n < 1000; ++n) {
@@ -266,7 +267,7 @@ TEST(DistanceFieldTest, HoldsItsBoundBetweenPostsOnAllSides) {
       for (const int i : {-reach, reach + 1}) {
         for (const int j : {-reach, reach + 1}) world.Put(i, j, value);
       }
-      const auto map = world.Snapshot();
+      const auto map = world.View();
       // Some are so low that they are occupied at a low level only.
       const DistanceFieldOptions options{.occupied_log_odds = -3};
       const Eigen::Vector2d middle_m = kKnot_m * Eigen::Vector2d(0.5, 0.5);
@@ -283,7 +284,7 @@ TEST(DistanceFieldTest, IsMuchCloserBesideAWall) {
   World world(1);
   world.Fill(-60, -60, 120, 120, kFree);
   world.Fill(-60, 3, 120, 3, 2500);
-  const auto map = world.Snapshot();
+  const auto map = world.View();
   const DistanceFieldOptions options;
   const DistanceField field = FieldOf(map, options);
   ExactSearch exact(map, options);
@@ -326,7 +327,7 @@ TEST(DistanceFieldTest, IsThatOfTheMapWhateverWasSeenBefore) {
   for (const DistanceFieldOptions& options : Choices()) {
     World world(7, 3);
     DistanceFieldEditor editor(options);
-    std::vector<std::shared_ptr<const MapSnapshot>> snapshots{world.Snapshot()};
+    std::vector<std::shared_ptr<const MapView>> views{world.View()};
     for (int commit = 0; commit < 14; ++commit) {
       world.NextCommit();
       if (commit % 5 == 0) world.BuildRooms(20 + 3 * commit);
@@ -336,11 +337,11 @@ TEST(DistanceFieldTest, IsThatOfTheMapWhateverWasSeenBefore) {
       for (int n = 0; n < 40; ++n) {
         world.Put(world.Between(-70, 70), world.Between(-70, 70), world.Between(-2000, 2000));
       }
-      snapshots.push_back(world.Snapshot());
+      views.push_back(world.View());
       // Now and then one of long ago, or the last once more.
-      const auto& map = commit % 6 == 4   ? snapshots[commit / 4]
-                        : commit % 6 == 5 ? snapshots[commit]
-                                          : snapshots[commit + 1];
+      const auto& map = commit % 6 == 4   ? views[commit / 4]
+                        : commit % 6 == 5 ? views[commit]
+                                          : views[commit + 1];
       const DistanceField field = editor.Update(map);
       const DistanceField anew = FieldOf(map, options);
       ASSERT_TRUE(IsTheSame(field, anew, Reach(options))) << "commit " << commit;
@@ -357,7 +358,7 @@ TEST(DistanceFieldTest, IsThatOfTheMapWhateverWasSeenBefore) {
   EXPECT_GT(num_changed, 500);
 }
 
-// The end of a wall moves over the rim between two tiles, without a change in the other.
+// The end of a wall moves over the boundary between two tiles, without a change in the other.
 TEST(DistanceFieldTest, IsThatOfTheMapWhereObstaclesEndAtTheRimOfATile) {
   for (const bool along_x : {false, true}) {
     for (const bool is_lower : {false, true}) {
@@ -373,7 +374,7 @@ TEST(DistanceFieldTest, IsThatOfTheMapWhereObstaclesEndAtTheRimOfATile) {
             along_x ? world.Put(n, m, put) : world.Put(m, n, put);
           }
         }
-        const auto map = world.Snapshot();
+        const auto map = world.View();
         ASSERT_TRUE(IsTheSame(editor.Update(map), FieldOf(map, {}), Reach({})));
       }
     }
@@ -385,8 +386,8 @@ TEST(DistanceFieldTest, WhatIsBesideTheMapIsUnknownToItsLastPoint) {
   for (const int side : {32, 20}) {
     World world(1);
     world.Fill(0, 0, side, side, kFree);
-    const auto map = world.Snapshot();
-    const DistanceFieldOptions options{.unknown = Unknown::kStops};
+    const auto map = world.View();
+    const DistanceFieldOptions options{.unknown = UnknownPolicy::kBlocked};
     const DistanceField field = FieldOf(map, options);
     ExactSearch exact(map, options);
     for (int n = 0; n < 3000; ++n) {
@@ -399,12 +400,12 @@ TEST(DistanceFieldTest, WhatIsBesideTheMapIsUnknownToItsLastPoint) {
 TEST(DistanceFieldTest, EarlierFieldsStayAsTheyWere) {
   World world(1);
   world.BuildRooms(40);
-  const auto map = world.Snapshot();
+  const auto map = world.View();
   DistanceFieldEditor editor({});
   const DistanceField before = editor.Update(map);
   world.NextCommit();
   world.Fill(-40, -40, 80, 80, kFree);
-  editor.Update(world.Snapshot());
+  editor.Update(world.View());
   EXPECT_TRUE(IsTheSame(before, FieldOf(map, {}), Reach({})));
 }
 
@@ -414,11 +415,11 @@ TEST(DistanceFieldTest, CommitsThatMoveNoObstacleChangeNoTile) {
   world.Fill(-60, -60, 120, 120, kFree);
   world.Fill(-40, 3, 80, 3, 2400);
   DistanceFieldEditor editor({});
-  const DistanceField before = editor.Update(world.Snapshot());
+  const DistanceField before = editor.Update(world.View());
   world.NextCommit();
   world.Fill(-60, -60, 120, 50, kFree - 100);
-  const DistanceField after = editor.Update(world.Snapshot());
-  after.tiles().ForEachChanged(before.tiles().epoch(),
+  const DistanceField after = editor.Update(world.View());
+  after.tiles().ForEachChanged(before.tiles().version(),
                                [](TileKey, const KeyTree<DistanceTile>::Entry&) { FAIL(); });
 }
 
@@ -428,13 +429,13 @@ TEST(DistanceFieldTest, OnlyTilesThatHadNothingNearerChange) {
   world.Fill(-140, 0, 280, 3, 2400);
   const DistanceFieldOptions options{.max_distance_m = 4};
   DistanceFieldEditor editor(options);
-  const DistanceField before = editor.Update(world.Snapshot());
+  const DistanceField before = editor.Update(world.View());
   // A post 20 knot intervals off the wall: what is beyond the wall has that nearer.
   world.NextCommit();
   world.Put(5, 22, 2400);
-  const DistanceField after = editor.Update(world.Snapshot());
+  const DistanceField after = editor.Update(world.View());
   int num_changed = 0;
-  after.tiles().ForEachChanged(before.tiles().epoch(),
+  after.tiles().ForEachChanged(before.tiles().version(),
                                [&](TileKey key, const KeyTree<DistanceTile>::Entry&) {
                                  ++num_changed;
                                  EXPECT_GE(key.ty, 0);
@@ -448,12 +449,12 @@ TEST(DistanceFieldTest, HasTilesWithinReachOfObstaclesAlone) {
   world.Fill(-320, -320, 640, 640, kFree);
   world.Put(0, 0, 2400);
   DistanceFieldEditor editor({.max_distance_m = 1});
-  const DistanceField field = editor.Update(world.Snapshot());
+  const DistanceField field = editor.Update(world.View());
   EXPECT_LE(field.tiles().size(), 4U);
   // Without it they are one tile that has nothing.
   world.NextCommit();
   world.Put(0, 0, kFree);
-  const DistanceField without = editor.Update(world.Snapshot());
+  const DistanceField without = editor.Update(world.View());
   const auto nothing = without.tiles().Share({0, 0});
   without.tiles().ForEach(
       [&](TileKey, const KeyTree<DistanceTile>::Entry& entry) { EXPECT_EQ(entry.tile, nothing); });
@@ -461,9 +462,9 @@ TEST(DistanceFieldTest, HasTilesWithinReachOfObstaclesAlone) {
 }
 
 TEST(DistanceFieldTest, OfAnEmptyMapEverythingIsUnknown) {
-  const auto empty = std::make_shared<const MapSnapshot>();
+  const auto empty = std::make_shared<const MapView>();
   const DistanceField passes = FieldOf(empty, {});
-  const DistanceField stops = FieldOf(empty, {.unknown = Unknown::kStops});
+  const DistanceField stops = FieldOf(empty, {.unknown = UnknownPolicy::kBlocked});
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double infinity = std::numeric_limits<double>::infinity();
   for (const Eigen::Vector2d& point_m :
@@ -481,7 +482,7 @@ TEST(DistanceFieldTest, PointsThatAreNotOnTheMapAreUnknownBesideObstaclesToo) {
   World world(1);
   world.BuildRooms(10);
   const double nan = std::numeric_limits<double>::quiet_NaN();
-  const DistanceField field = FieldOf(world.Snapshot(), {});
+  const DistanceField field = FieldOf(world.View(), {});
   for (const Eigen::Vector2d& point_m : {Eigen::Vector2d(nan, 0), Eigen::Vector2d(0, -nan),
                                          Eigen::Vector2d(1e300, 0), Eigen::Vector2d(0, -1e9)}) {
     EXPECT_EQ(field.At(point_m).distance_m, 2);
@@ -492,7 +493,7 @@ TEST(DistanceFieldTest, TakesEveryGreatestDistanceThatQueriesTake) {
   World world(1);
   world.Fill(-20, -20, 40, 40, kFree);
   world.Fill(-3, -3, 6, 6, 2400);
-  const auto map = world.Snapshot();
+  const auto map = world.View();
   for (const double max_distance_m : {0.0, 0.01, 0.05, 30.0, DistancesQuery::kMaxDistance_m}) {
     const DistanceFieldOptions options{.max_distance_m = max_distance_m};
     const DistanceField field = FieldOf(map, options);
@@ -508,11 +509,11 @@ TEST(DistanceFieldTest, TakesEveryGreatestDistanceThatQueriesTake) {
 TEST(DistanceFieldTest, AMapOfAnotherKnotIntervalIsAnsweredFromTheFirstUpdateOn) {
   World world(1);
   world.BuildRooms(30);
-  const auto map = world.Snapshot();
+  const auto map = world.View();
   DistanceFieldEditor editor({});
   editor.Update(map);
   for (const double knot_interval_m : {0.1, 0.02}) {
-    auto other = std::make_shared<MapSnapshot>(*map);
+    auto other = std::make_shared<MapView>(*map);
     other->options.knot_interval_m = knot_interval_m;
     const DistanceField field = editor.Update(other);
     const LocalMap exact(other);

@@ -15,25 +15,26 @@
 #include "lib/exchange/ros_map.h"
 #include "lib/exchange/world_file.h"
 #include "tests/support/full_disk.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"
 #include "tests/support/temporary_directory.h"
 
 namespace splinemap::exchange_test {
 
 // Tiles around the origin, with control points of every probability, saturated ones and holes.
-std::shared_ptr<const MapSnapshot> RandomMap(int seed, double knot_interval_m) {
+std::shared_ptr<const MapView> RandomMap(int seed, double knot_interval_m) {
   std::mt19937_64 random(seed);
-  Map map({knot_interval_m, {}});
+  MapWriter map({knot_interval_m, {}});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   layer.BeginCommit();
   for (int k = 0; k < 4; ++k) layer.EditTile(RandomKey(random, 1)) = RandomTile(random);
   const ControlLimits moderate{-5 * kUnitsPerLogOdds, 5 * kUnitsPerLogOdds};
   for (int k = 0; k < 4; ++k) layer.EditTile(RandomKey(random, 1)) = RandomTile(random, moderate);
-  return map.Snapshot();
+  return map.View();
 }
 
 struct Case {
-  std::shared_ptr<const MapSnapshot> map;
+  std::shared_ptr<const MapView> map;
   PixelGrid grid;
 };
 

@@ -11,14 +11,16 @@
 #include <vector>
 
 #include "fmt/format.h"
-#include "lib/following/map_follower.h"
-#include "lib/map/map.h"
-#include "lib/map/tile_update.h"
-#include "lib/replication/identity_watch.h"
-#include "lib/replication/levels_publisher.h"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lib/layers/layer_set.h"
+#include "lib/map/summed_layers.h"
+#include "lib/replication/layer_exchange.h"
+#include "lib/replication/map_follower.h"
+#include "lib/tiles/tile_codec.h"
 #include "lib/wire/decode.h"
-#include "lib/wire/encode.h"
 #include "tests/support/lossy_network.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap::fleet_test {
@@ -28,11 +30,11 @@ using Random = std::mt19937_64;
 
 constexpr MapOptions kOptions{0.05, {-2560, 2560}};
 
-// What copies of a map are compared by: lives and content of layers with tiles, decisions, sum.
+// What copies of a map are compared by: sessions and content of layers with tiles, settings, sum.
 struct Content {
-  std::map<LayerId, std::pair<LayerEpoch, uint64_t>> layers;
-  std::map<LayerId, LayerControl> controls;
-  uint64_t merged = 0;
+  std::map<LayerId, std::pair<SessionId, uint64_t>> layers;
+  std::map<LayerId, LayerSettings> settings;
+  uint64_t sum = 0;
 
   bool operator==(const Content&) const = default;
 };
@@ -45,16 +47,18 @@ uint64_t HashOf(const TileTree& tiles) {
   return hash;
 }
 
-Content ContentOf(const MapSnapshot& map) {
+Content ContentOf(const LayerSet& set, const MapView& view) {
   Content content;
-  content.controls = map.controls.records();
-  content.merged = HashOf(map.merged);
-  for (const LayerSnapshot& layer : map.layers) {
+  content.settings = set.settings.records();
+  content.sum = HashOf(view.tiles);
+  for (const LayerSnapshot& layer : set.layers) {
     if (layer.tiles.size() == 0) continue;
-    content.layers[layer.id] = {layer.epoch, HashOf(layer.tiles)};
+    content.layers[layer.id] = {layer.session, HashOf(layer.tiles)};
   }
   return content;
 }
+
+Content ContentOf(MapFollower& follower) { return ContentOf(follower.Layers(), *follower.View()); }
 
 class Robot {
  public:
@@ -67,34 +71,29 @@ class Robot {
   const LayerId& id() const { return *file_.own_layer; }
 
   void Start(Clock::time_point now) {
-    map_ = std::make_unique<Map>(kOptions);
+    map_ = std::make_unique<MapWriter>(kOptions);
     const auto own = std::find_if(file_.layers.begin(), file_.layers.end(),
                                   [&](const LayerSnapshot& layer) { return layer.id == id(); });
     if (own == file_.layers.end()) {
       layer_ = &map_->AddLayer(id(), {1, random_()});
     } else {
-      const LayerEpoch epoch{own->epoch.incarnation + 1, random_()};
-      const LayerControl& control = file_.controls.Of(id());
-      layer_ = control.IsRemoved(epoch)
-                   ? &map_->AddLayer(id(), {control.removed_up_to + 1, random_()})
-                   : &map_->ContinueLayer(*own, epoch);
+      const SessionId session{own->session.number + 1, random_()};
+      const LayerSettings& setting = file_.settings.Of(id());
+      layer_ = setting.IsRemoved(session)
+                   ? &map_->AddLayer(id(), {setting.removed_up_to + 1, random_()})
+                   : &map_->ContinueLayer(*own, session);
     }
-    identity_ = {};
-    follower_ = std::make_unique<MapFollower>(
-        FollowOptions{},
-        Keeper{kOptions, id(), random_(), PublisherOptions{}, layer_->epoch().incarnation}, file_,
-        random_(), now);
-    Publish();
-    Save();  // the new incarnation
+    exchange_ = std::make_unique<LayerExchange>(FollowOptions{}, PublisherOptions{},
+                                                layer_->Snapshot(), file_, now);
+    Save();  // the new session
   }
   void Stop() {
     map_.reset();
-    publisher_.reset();
-    follower_.reset();
+    exchange_.reset();
   }
   void Save() {
     files_.push_back(file_);
-    file_ = *Snapshot();
+    file_ = Layers();
   }
   // The disk as it was some saves ago.
   void RestoreOlderFile() {
@@ -112,86 +111,79 @@ class Robot {
     }
   }
 
-  void Decide() {
-    const auto map = Snapshot();
-    const LayerSnapshot& layer = map->layers[random_() % map->layers.size()];
-    LayerControl control = map->controls.Next(layer.id, random_());
-    switch (random_() % 5) {
-      case 0:
-        control = map->controls.Removal(layer.id, layer.epoch.incarnation, random_());
-        break;
-      case 1:
-        control.yields = !control.yields;
-        break;
-      case 2:
-        control.shift = {int32_t(random_() % 100) - 50, int32_t(random_() % 64)};
-        break;
-      default:
-        control.muted = !control.muted;
-    }
-    follower_->Decide(layer.id, control);
+  // What a person may tell a daemon about a layer.
+  void SetSomething() {
+    const LayerSet set = Layers();
+    const LayerId id = set.layers[random_() % set.layers.size()].id;
+    const auto change = [&](const SessionId& session, LayerSettings& settings) {
+      switch (random_() % 5) {
+        case 0:
+          settings.Remove(session);
+          break;
+        case 1:
+          settings.low_weight = !settings.low_weight;
+          break;
+        case 2:
+          settings.shift = {int32_t(random_() % 100) - 50, int32_t(random_() % 64)};
+          break;
+        default:
+          settings.muted = !settings.muted;
+      }
+      return absl::OkStatus();
+    };
+    EXPECT_TRUE(exchange_->Edit(id, change).ok());
   }
 
-  void Take(const std::vector<uint8_t>& bytes, Clock::time_point now) {
-    const LayerLife own{layer_->id(), layer_->epoch(), {}};
-    if (const auto digest = DecodeLayerDigest(bytes); digest.ok()) {
-      identity_.TakeDigest(FromMessage(digest->layer), own, now);
-    } else if (const auto stand_in = DecodeStandInDigest(bytes); stand_in.ok()) {
-      identity_.TakePull(FromMessage(stand_in->digest.layer), own, now);
-    } else if (const auto pull = DecodeLayerPull(bytes); pull.ok()) {
-      identity_.TakePull(FromMessage(pull->layer), own, now);
-      publisher_->TakePull(*pull, now);
-    }
-    follower_->HandleMessage(bytes, now);
+  void HandleMessage(const std::vector<uint8_t>& bytes, Clock::time_point now) {
+    exchange_->HandleBytes(bytes, now);
   }
 
   std::vector<std::vector<uint8_t>> Tick(Clock::time_point now) {
-    const LayerLife own{layer_->id(), layer_->epoch(), {}};
-    const LayerControl& control = follower_->controls().Of(own.id);
-    if (control.IsRemoved(own.epoch)) {
-      layer_->BeginEmptyLife({control.removed_up_to + 1, random_()});
-      follower_->SetOwnLayer(own.id, layer_->epoch().incarnation);
-      Publish();
-    } else if (const auto next = identity_.Next(own, now, random_())) {
-      layer_->BeginLife(next->life.id, next->life.epoch);
-      file_.own_layer = next->life.id;
-      follower_->SetOwnLayer(next->life.id, next->life.epoch.incarnation);
-      Publish();
-      Save();
+    const auto next = exchange_->NextSession(now, random_());
+    const bool is_removed = exchange_->IsOwnRemoved();
+    if (is_removed) {
+      const uint64_t removed_up_to = exchange_->follower().settings().Of(id()).removed_up_to;
+      layer_->StartEmptySession({removed_up_to + 1, layer_->session().nonce});
+    } else if (next) {
+      layer_->StartSession(next->ref.id, next->ref.session);
+      file_.own_layer = next->ref.id;
     }
-    publisher_->SetLayer(layer_->Snapshot(), now);
+    exchange_->SetOwn(layer_->Snapshot(), now);
+    if (next && !is_removed) Save();
     std::vector<std::vector<uint8_t>> bytes;
-    const auto send = [&](const auto& m) { bytes.push_back(Encode(m)); };
-    for (const auto& message : publisher_->Tick(now)) std::visit(send, message);
-    for (const auto& message : follower_->Tick(now)) std::visit(send, message);
+    for (const ReplicationMessage& message : exchange_->Tick(now)) {
+      bytes.push_back(EncodeReplication(message));
+    }
     return bytes;
   }
 
-  std::shared_ptr<const MapSnapshot> Snapshot() {
-    auto map = std::make_shared<MapSnapshot>();
-    map->options = kOptions;
-    map->own_layer = layer_->id();
-    map->layers = follower_->LayerSnapshots();
-    map->layers.push_back(layer_->Snapshot());
-    map->controls = follower_->controls();
-    map->merged = MergedTiles().Update(map->layers, map->controls, kOptions.limits);
-    return map;
+  LayerSet Layers() {
+    LayerSet set = exchange_->FollowedLayers();
+    set.options = kOptions;
+    set.own_layer = layer_->id();
+    set.layers.push_back(layer_->Snapshot());
+    return set;
+  }
+  Content Map() {
+    const LayerSet set = Layers();
+    return ContentOf(set, *ViewOf(set));
   }
 
  private:
-  void Publish() {
-    publisher_ =
-        std::make_unique<LevelsPublisher>(layer_->Snapshot(), kOptions, PublisherOptions{});
-  }
-
   Random& random_;
-  MapSnapshot file_;
-  std::vector<MapSnapshot> files_;
-  std::unique_ptr<Map> map_;
+  LayerSet file_;
+  std::vector<LayerSet> files_;
+  std::unique_ptr<MapWriter> map_;
   Layer* layer_ = nullptr;
-  std::unique_ptr<LevelsPublisher> publisher_;
-  std::unique_ptr<MapFollower> follower_;
-  IdentityWatch identity_;
+  std::unique_ptr<LayerExchange> exchange_;
+};
+
+// Follows, and keeps nothing.
+struct Client {
+  explicit Client(uint64_t speaker) : follower({}, speaker) {}
+
+  MapFollower follower;
+  ByteBudget budget{PublisherOptions().bytes_per_s};
 };
 
 class Fleet {
@@ -216,13 +208,13 @@ class Fleet {
   }
   void RestartClient(size_t n) {
     if (n == clients_.size()) clients_.emplace_back();
-    clients_[n] = std::make_shared<MapFollower>(FollowOptions{}, random_());
+    clients_[n] = std::make_shared<Client>(random_());
   }
-  MapFollower& client(size_t n) { return *clients_[n]; }
+  MapFollower& client(size_t n) { return clients_[n]->follower; }
   size_t num_clients() const { return clients_.size(); }
   int64_t bytes_sent() const { return bytes_sent_; }
-  // By all that stand in for others.
-  int64_t stand_in_digests() const { return stand_in_digests_; }
+  // By all that are proxies of others.
+  int64_t proxy_digests() const { return proxy_digests_; }
 
   void Run(milliseconds duration) {
     for (milliseconds passed(0); passed < duration; passed += Network::kStep) {
@@ -233,8 +225,9 @@ class Fleet {
         for (const auto& bytes : robot->Tick(now)) Broadcast(bytes);
       }
       for (const auto& client : clients_) {
-        for (const auto& message : client->Tick(now)) {
-          std::visit([&](const auto& m) { Broadcast(Encode(m)); }, message);
+        client->budget.Refill(now, false, client->follower.HasPulls());
+        for (const auto& message : client->follower.Tick(now, client->budget)) {
+          Broadcast(EncodeReplication(message));
         }
       }
     }
@@ -244,38 +237,37 @@ class Fleet {
   // Who has another map than that.
   std::optional<std::string> DifferenceFrom(const Content& content) {
     for (const auto& robot : robots_) {
-      if (robot->is_running() && ContentOf(*robot->Snapshot()) != content) return robot->id().name;
+      if (robot->is_running() && robot->Map() != content) return robot->id().name;
     }
     for (size_t n = 0; n < clients_.size(); ++n) {
-      if (ContentOf(*clients_[n]->Snapshot()) != content) return "client " + std::to_string(n);
+      if (ContentOf(client(n)) != content) return "client " + std::to_string(n);
     }
     return std::nullopt;
   }
   Content AnyContent() {
     for (const auto& robot : robots_) {
-      if (robot->is_running()) return ContentOf(*robot->Snapshot());
+      if (robot->is_running()) return robot->Map();
     }
-    return ContentOf(*clients_.at(0)->Snapshot());
+    return ContentOf(client(0));
   }
   // For people.
   std::string Contents() {
     std::string text;
-    const auto add = [&](const std::string& name, const MapSnapshot& map) {
-      const Content content = ContentOf(map);
-      text += fmt::format("{}: merged {:x}\n", name, content.merged);
+    const auto add = [&](const std::string& name, const Content& content) {
+      text += fmt::format("{}: sum {:x}\n", name, content.sum);
       for (const auto& [id, layer] : content.layers) {
-        text += fmt::format("  {} {:x}: start {}, nonce {:x}, hash {:x}\n", id.name, id.origin,
-                            layer.first.incarnation, layer.first.nonce, layer.second);
+        text += fmt::format("  {} {:x}: session {}, nonce {:x}, hash {:x}\n", id.name, id.origin,
+                            layer.first.number, layer.first.nonce, layer.second);
       }
-      for (const auto& [id, control] : content.controls) {
+      for (const auto& [id, setting] : content.settings) {
         text += fmt::format("  {} {:x}: counter {}, writer {:x}, removed up to {}\n", id.name,
-                            id.origin, control.counter, control.writer, control.removed_up_to);
+                            id.origin, setting.counter, setting.writer, setting.removed_up_to);
       }
     };
     for (const auto& robot : robots_) {
-      if (robot->is_running()) add(robot->id().name, *robot->Snapshot());
+      if (robot->is_running()) add(robot->id().name, robot->Map());
     }
-    for (const auto& client : clients_) add("client", *client->Snapshot());
+    for (const auto& client : clients_) add("client", ContentOf(client->follower));
     return text;
   }
   bool RunUntilEqual(int seconds) {
@@ -291,15 +283,16 @@ class Fleet {
   void Broadcast(const std::vector<uint8_t>& message) {
     const auto bytes = std::make_shared<const std::vector<uint8_t>>(message);
     bytes_sent_ += std::ssize(message);
-    stand_in_digests_ += TypeOf(message) == MessageType::kStandInDigest ? 1 : 0;
+    const auto digest = Decode<layer_digest_t>(message);
+    proxy_digests_ += digest.ok() && !IsOwners(*digest) ? 1 : 0;
     for (const auto& robot : robots_) {
       network_.Send([this, bytes, r = robot.get()] {
-        if (r->is_running()) r->Take(*bytes, network_.now());
+        if (r->is_running()) r->HandleMessage(*bytes, network_.now());
       });
     }
-    for (const std::weak_ptr<MapFollower> client : clients_) {
+    for (const std::weak_ptr<Client> client : clients_) {
       network_.Send([this, bytes, client] {
-        if (const auto there = client.lock()) there->HandleMessage(*bytes, network_.now());
+        if (const auto there = client.lock()) there->follower.HandleBytes(*bytes, network_.now());
       });
     }
   }
@@ -307,9 +300,9 @@ class Fleet {
   Network network_;
   Random random_;
   std::vector<std::unique_ptr<Robot>> robots_;
-  std::vector<std::shared_ptr<MapFollower>> clients_;
+  std::vector<std::shared_ptr<Client>> clients_;
   int64_t bytes_sent_ = 0;
-  int64_t stand_in_digests_ = 0;
+  int64_t proxy_digests_ = 0;
 };
 
 TEST(FleetTest, EveryRobotAndClientHasTheSumOfAll) {
@@ -339,7 +332,7 @@ TEST(FleetTest, WhoComesLateGetsTheLayersOfThoseThatAreGone) {
   fleet.RestartClient(0);
   ASSERT_TRUE(fleet.RunUntilEqual(20));
   EXPECT_EQ(fleet.AnyContent(), content);
-  // They also outlive the one that stood in.
+  // They also outlive the one that was their proxy.
   fleet.robot(1).Stop();
   fleet.Run(milliseconds(10'000));
   fleet.RestartClient(0);
@@ -347,7 +340,7 @@ TEST(FleetTest, WhoComesLateGetsTheLayersOfThoseThatAreGone) {
   EXPECT_EQ(fleet.AnyContent(), content);
 }
 
-TEST(FleetTest, OneStandsInForASilentOwnerAndNobodyForOneThatSpeaks) {
+TEST(FleetTest, OneIsProxyForASilentOwnerAndNobodyForOneThatSpeaks) {
   Fleet fleet({.max_delay = milliseconds(30)}, 6, 2, 3);
   fleet.StartAll();
   for (int n = 0; n < 20; ++n) {
@@ -356,17 +349,17 @@ TEST(FleetTest, OneStandsInForASilentOwnerAndNobodyForOneThatSpeaks) {
   }
   ASSERT_TRUE(fleet.RunUntilEqual(20));
   fleet.Run(milliseconds(10'000));
-  EXPECT_EQ(fleet.stand_in_digests(), 0);
+  EXPECT_EQ(fleet.proxy_digests(), 0);
   fleet.robot(0).Stop();
   fleet.Run(milliseconds(10'000));
-  const int64_t before = fleet.stand_in_digests();
+  const int64_t before = fleet.proxy_digests();
   fleet.Run(milliseconds(20'000));
-  EXPECT_LE(std::abs(fleet.stand_in_digests() - before - 20), 2);
+  EXPECT_LE(std::abs(fleet.proxy_digests() - before - 20), 2);
 }
 
 class TakingOver : public testing::TestWithParam<int> {};
 
-TEST_P(TakingOver, IsForWhoHasMoreThanTheOneThatStandsIn) {
+TEST_P(TakingOver, IsForWhoHasMoreThanTheOneThatIsProxy) {
   Fleet fleet({}, 3, 1, GetParam());
   fleet.StartAll();
   fleet.robot(0).Commit();
@@ -387,36 +380,36 @@ TEST_P(TakingOver, IsForWhoHasMoreThanTheOneThatStandsIn) {
   fleet.Start(2);
   fleet.Run(milliseconds(5000));
   ASSERT_TRUE(fleet.RunUntilEqual(20));
-  EXPECT_EQ(fleet.AnyContent().merged, content.merged);
+  EXPECT_EQ(fleet.AnyContent().sum, content.sum);
   // And one of the two falls silent.
-  const int64_t before = fleet.stand_in_digests();
+  const int64_t before = fleet.proxy_digests();
   fleet.Run(milliseconds(20'000));
-  EXPECT_LE(std::abs(fleet.stand_in_digests() - before - 20), 2);
+  EXPECT_LE(std::abs(fleet.proxy_digests() - before - 20), 2);
 }
 
 INSTANTIATE_TEST_SUITE_P(Seeds, TakingOver, testing::Range(1, 9));
 
-TEST(FleetTest, AStandInIsNotBelievedWhileTheOwnerSpeaks) {
+TEST(FleetTest, AProxyIsNotBelievedWhileTheOwnerSpeaks) {
   LayerFollower follower({"robot", 1}, 1);
   layer_digest_t digest{};
-  digest.layer = ToMessage(LayerLife{{"robot", 1}, {1, 1}, {}});
+  digest.speaker = 1;
+  digest.layer = ToMessage(LayerRef{{"robot", 1}, {1, 1}, {}});
   digest.protocol_version = kProtocolVersion;
   digest.root_level = 1;
   digest.utime = 1;
   const Clock::time_point begin{std::chrono::hours(1)};
-  follower.TakeDigest(digest, begin);
-  EXPECT_TRUE(follower.is_equal());
-  stand_in_digest_t stand_in{};
-  stand_in.daemon_nonce = 5;
-  stand_in.digest = digest;
-  stand_in.digest.num_tiles = 1;
-  stand_in.digest.hash = 77;
-  follower.TakeStandInDigest(stand_in, begin + milliseconds(2000));
+  follower.HandleDigest(digest, begin);
+  EXPECT_TRUE(follower.matches_digest());
+  layer_digest_t proxy = digest;
+  proxy.speaker = 5;
+  proxy.num_tiles = 1;
+  proxy.hash = 77;
+  follower.HandleDigest(proxy, begin + milliseconds(2000));
   follower.Tick(begin + milliseconds(2000));
-  EXPECT_TRUE(follower.is_equal());
-  stand_in.digest.utime = 2;
-  follower.TakeStandInDigest(stand_in, begin + milliseconds(3500));
-  EXPECT_FALSE(follower.is_equal());
+  EXPECT_TRUE(follower.matches_digest());
+  proxy.utime = 2;
+  follower.HandleDigest(proxy, begin + milliseconds(3500));
+  EXPECT_FALSE(follower.matches_digest());
 }
 
 // Its last changes take many messages, of which each one lost others: copies of one revision, none
@@ -454,7 +447,7 @@ TEST(FleetTest, ARobotThatComesBackSpeaksForItself) {
   fleet.robot(0).Commit();
   ASSERT_TRUE(fleet.RunUntilEqual(20));
   const LayerId id = fleet.robot(0).id();
-  EXPECT_EQ(fleet.AnyContent().layers.at(id).first.incarnation, 2u);
+  EXPECT_EQ(fleet.AnyContent().layers.at(id).first.number, 2u);
 }
 
 TEST(FleetTest, RemovingALayerLeavesTheMapThatNeverHadItThoughItsRobotWasAway) {
@@ -465,37 +458,35 @@ TEST(FleetTest, RemovingALayerLeavesTheMapThatNeverHadItThoughItsRobotWasAway) {
     fleet.Run(milliseconds(100));
   }
   ASSERT_TRUE(fleet.RunUntilEqual(30));
-  auto without = std::make_shared<MapSnapshot>(*fleet.robot(0).Snapshot());
+  LayerSet without = fleet.robot(0).Layers();
   const LayerId id = fleet.robot(3).id();
-  std::erase_if(without->layers, [&](const LayerSnapshot& layer) { return layer.id == id; });
-  const uint64_t expected =
-      HashOf(MergedTiles().Update(without->layers, without->controls, kOptions.limits));
+  std::erase_if(without.layers, [&](const LayerSnapshot& layer) { return layer.id == id; });
+  const uint64_t expected = HashOf(ViewOf(without)->tiles);
 
   fleet.robot(3).Save();
   fleet.robot(3).Stop();
   fleet.Run(milliseconds(5000));
-  const auto map = fleet.client(0).Snapshot();
-  const auto layer = std::find_if(map->layers.begin(), map->layers.end(),
-                                  [&](const LayerSnapshot& other) { return other.id == id; });
-  ASSERT_NE(layer, map->layers.end());
-  fleet.client(0).Decide(id, map->controls.Removal(id, layer->epoch.incarnation, 1));
+  const LayerSet set = fleet.client(0).Layers();
+  const LayerSnapshot* layer = set.Find(id);
+  ASSERT_NE(layer, nullptr);
+  fleet.client(0).Set(id, set.settings.Removal(id, layer->session, 1));
   ASSERT_TRUE(fleet.RunUntilEqual(20));
-  EXPECT_EQ(fleet.AnyContent().merged, expected);
+  EXPECT_EQ(fleet.AnyContent().sum, expected);
   // It comes back with all that it had, twice started since.
   fleet.Start(3);
   fleet.robot(3).Stop();
   fleet.Start(3);
   fleet.Run(milliseconds(10'000));
   ASSERT_TRUE(fleet.RunUntilEqual(20));
-  EXPECT_EQ(fleet.AnyContent().merged, expected);
+  EXPECT_EQ(fleet.AnyContent().sum, expected);
   // And maps anew.
   fleet.robot(3).Commit();
   ASSERT_TRUE(fleet.RunUntilEqual(20));
-  EXPECT_EQ(fleet.AnyContent().layers.at(id).first.incarnation, LayerControl::kStartsPerGeneration);
+  EXPECT_EQ(fleet.AnyContent().layers.at(id).first.number, LayerSettings::kSessionsPerGeneration);
 }
 
 // The first that was heard owes nothing to anybody: its copies go on from the last whole one.
-TEST(FleetTest, ALifeThatWasNeverWholeIsGivenUp) {
+TEST(FleetTest, ASessionThatWasNeverWholeIsGivenUp) {
   Fleet fleet({}, 2, 1, 6);
   fleet.StartAll();
   fleet.robot(0).Commit();
@@ -504,12 +495,12 @@ TEST(FleetTest, ALifeThatWasNeverWholeIsGivenUp) {
   fleet.robot(0).Save();
   fleet.robot(0).Stop();
   fleet.Start(0);
-  fleet.Run(milliseconds(40));  // a digest of another life, and nothing of it
+  fleet.Run(milliseconds(40));  // a digest of another session, and nothing of it
   fleet.robot(0).Stop();
   fleet.Run(milliseconds(15'000));
   fleet.RestartClient(0);
   ASSERT_TRUE(fleet.RunUntilEqual(30));
-  EXPECT_EQ(fleet.AnyContent().merged, content.merged);
+  EXPECT_EQ(fleet.AnyContent().sum, content.sum);
 }
 
 class RandomFleet : public testing::TestWithParam<int> {};
@@ -546,7 +537,7 @@ TEST_P(RandomFleet, EndsWithEqualBytes) {
           fleet.Start(n);
           break;
         case 5:
-          if (robot.is_running()) robot.Decide();
+          if (robot.is_running()) robot.SetSomething();
           break;
         case 6:
           fleet.Run(milliseconds(5000));

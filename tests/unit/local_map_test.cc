@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "lib/geometry/angle.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::local_map_test {
 
@@ -23,11 +24,11 @@ int Repetitions(int usual) {
 }
 
 // Rooms, walls, noise and places that were never seen, over nine tiles and more.
-std::shared_ptr<const MapSnapshot> RandomMap(uint64_t seed) {
+std::shared_ptr<const MapView> RandomMap(uint64_t seed) {
   std::mt19937_64 random(seed);
   std::uniform_int_distribution<int> knot(-48, 48);
   std::uniform_int_distribution<int> noise(-300, 300);
-  Map map(MapOptions{});
+  MapWriter map(MapOptions{});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   layer.BeginCommit();
   const auto put = [&](int i, int j, int value) {
@@ -54,7 +55,7 @@ std::shared_ptr<const MapSnapshot> RandomMap(uint64_t seed) {
       for (int i = i0; i < i0 + 5; ++i) put(i, j, 0);
     }
   }
-  return map.Snapshot();
+  return map.View();
 }
 
 class Chance {
@@ -67,21 +68,21 @@ class Chance {
     return {Between(-extent_m, extent_m), Between(-extent_m, extent_m)};
   }
   bool Toss() { return random_() % 2 == 0; }
-  double Threshold() { return Toss() ? kEvenLogOdds : Between(-3, 5); }
+  double Threshold() { return Toss() ? kDefaultOccupied : Between(-3, 5); }
 
  private:
   std::mt19937_64 random_;
 };
 
-Occupancy At(const MapSnapshot& map, const Eigen::Vector2d& point_m, double threshold) {
+Occupancy At(const MapView& map, const Eigen::Vector2d& point_m, double threshold) {
   const SurfaceSample sample = map.Evaluate(point_m.x(), point_m.y());
   if (!sample.known) return Occupancy::kUnknown;
   return sample.log_odds >= threshold ? Occupancy::kOccupied : Occupancy::kFree;
 }
 
-bool Ends(Occupancy occupancy, Unknown unknown) {
+bool Ends(Occupancy occupancy, UnknownPolicy unknown) {
   return occupancy == Occupancy::kOccupied ||
-         (occupancy == Occupancy::kUnknown && unknown == Unknown::kStops);
+         (occupancy == Occupancy::kUnknown && unknown == UnknownPolicy::kBlocked);
 }
 
 TEST(LocalMapTest, RaysEndWhereStepsAlongThemDo) {
@@ -93,8 +94,9 @@ TEST(LocalMapTest, RaysEndWhereStepsAlongThemDo) {
     Chance chance(seed);
     for (int n = 0; n < 100; ++n) {
       const Ray ray{chance.Point(2.8), chance.Between(-4, 4), chance.Between(0, 4)};
-      const RaysQuery query{
-          {ray}, chance.Threshold(), chance.Toss() ? Unknown::kStops : Unknown::kPasses};
+      const RaysQuery query{{ray},
+                            chance.Threshold(),
+                            chance.Toss() ? UnknownPolicy::kBlocked : UnknownPolicy::kFree};
       const RaysQuery::End end = local.Ask(query)->ends[0];
       // The point where it ends is what it says; up to there is nothing that lasts for a step.
       const Eigen::Vector2d direction = UnitVector(ray.bearing_rad);
@@ -124,7 +126,7 @@ TEST(LocalMapTest, RaysEndWhereStepsAlongThemDo) {
 
 TEST(LocalMapTest, ARayCrossesAFlatSlopeWhereItsFormulaSays) {
   // Control points i * 64: log-odds are x / knot * 64 / 256.
-  Map map(MapOptions{});
+  MapWriter map(MapOptions{});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   layer.BeginCommit();
   for (int j = -40; j < 40; ++j) {
@@ -133,8 +135,8 @@ TEST(LocalMapTest, ARayCrossesAFlatSlopeWhereItsFormulaSays) {
           static_cast<ControlPoint>(i == 0 ? 1 : 64 * i);
     }
   }
-  const LocalMap local(map.Snapshot());
-  const RaysQuery query{{{{-1, 0.2}, 0, 3}, {{-1, -0.7}, 0.5, 3}}, 3.3, Unknown::kStops};
+  const LocalMap local(map.View());
+  const RaysQuery query{{{{-1, 0.2}, 0, 3}, {{-1, -0.7}, 0.5, 3}}, 3.3, UnknownPolicy::kBlocked};
   const auto ends = local.Ask(query)->ends;
   const double x_m = 3.3 * 4 * kKnot_m;
   EXPECT_NEAR(ends[0].range_m, 1 + x_m, 1e-7);
@@ -146,19 +148,19 @@ struct Touched {
   bool occupied = false;
   bool unknown = false;
 };
-Touched LookAtDisc(const MapSnapshot& map, const Eigen::Vector2d& centre_m, double radius_m,
-                   double threshold) {
+Touched CheckDisc(const MapView& map, const Eigen::Vector2d& centre_m, double radius_m,
+                  double threshold) {
   Touched touched;
   constexpr double kStep_m = 0.01;
-  const auto look = [&](const Eigen::Vector2d& offset_m) {
+  const auto check = [&](const Eigen::Vector2d& offset_m) {
     const Occupancy occupancy = At(map, centre_m + offset_m, threshold);
     touched.occupied = touched.occupied || occupancy == Occupancy::kOccupied;
     touched.unknown = touched.unknown || occupancy == Occupancy::kUnknown;
   };
-  look({0, 0});
+  check({0, 0});
   for (double r_m = radius_m; r_m > 0; r_m -= kStep_m) {
     const int count = std::max(4, static_cast<int>(2 * M_PI * r_m / kStep_m));
-    for (int n = 0; n < count; ++n) look(r_m * UnitVector(2 * M_PI * n / count));
+    for (int n = 0; n < count; ++n) check(r_m * UnitVector(2 * M_PI * n / count));
   }
   return touched;
 }
@@ -174,8 +176,9 @@ TEST(LocalMapTest, SweepsEndWhereStepsOfADiscDo) {
       const Eigen::Vector2d from_m = chance.Point();
       Sweep sweep{{from_m, from_m + chance.Point(0.5), from_m + chance.Point(0.5)},
                   chance.Toss() ? 0.0 : chance.Between(0, 0.25)};
-      const SweepsQuery query{
-          {sweep}, chance.Threshold(), chance.Toss() ? Unknown::kStops : Unknown::kPasses};
+      const SweepsQuery query{{sweep},
+                              chance.Threshold(),
+                              chance.Toss() ? UnknownPolicy::kBlocked : UnknownPolicy::kFree};
       const SweepsQuery::Result result = local.Ask(query)->results[0];
       ++counts[static_cast<int>(result.occupancy)];
       certified += result.is_certified ? 1 : 0;
@@ -184,10 +187,10 @@ TEST(LocalMapTest, SweepsEndWhereStepsOfADiscDo) {
         const Eigen::Vector2d step = sweep.path_m[k + 1] - sweep.path_m[k];
         for (double way_m = 0; way_m < step.norm(); way_m += 0.02) {
           if (gone_m + way_m >= result.free_m) break;
-          const Touched touched = LookAtDisc(*map, sweep.path_m[k] + way_m / step.norm() * step,
-                                             sweep.radius_m, query.occupied_log_odds);
+          const Touched touched = CheckDisc(*map, sweep.path_m[k] + way_m / step.norm() * step,
+                                            sweep.radius_m, query.occupied_log_odds);
           ASSERT_FALSE(touched.occupied) << "seed " << seed << " sweep " << n;
-          ASSERT_FALSE(touched.unknown && query.unknown == Unknown::kStops);
+          ASSERT_FALSE(touched.unknown && query.unknown == UnknownPolicy::kBlocked);
         }
         gone_m += step.norm();
       }
@@ -195,7 +198,7 @@ TEST(LocalMapTest, SweepsEndWhereStepsOfADiscDo) {
         EXPECT_NEAR(result.free_m, gone_m, 1e-9);
         continue;
       }
-      // The contact is at the rim of the disc there, and is what is said.
+      // The contact is at the boundary of the disc there, and is what is said.
       double left_m = result.free_m;
       Eigen::Vector2d centre_m = sweep.path_m[0];
       for (size_t k = 0; k + 1 < sweep.path_m.size(); ++k) {
@@ -233,7 +236,7 @@ TEST(LocalMapTest, SweepsEndWhereStepsOfADiscDo) {
 TEST(LocalMapTest, CertifiedAnswersAreNeverWrong) {
   const int repetitions = Repetitions(20'000);
   int certified = 0;
-  std::vector<std::shared_ptr<const MapSnapshot>> maps;
+  std::vector<std::shared_ptr<const MapView>> maps;
   for (uint64_t seed = 0; seed < 20; ++seed) maps.push_back(RandomMap(200 + seed));
   Chance chance(3);
   for (size_t m = 0; m < maps.size(); ++m) {
@@ -241,8 +244,9 @@ TEST(LocalMapTest, CertifiedAnswersAreNeverWrong) {
     for (int n = 0; n < repetitions / static_cast<int>(maps.size()); ++n) {
       const Eigen::Vector2d from_m = chance.Point();
       const Sweep sweep{{from_m, from_m + chance.Point(0.4)}, chance.Between(0, 0.2)};
-      const SweepsQuery query{
-          {sweep}, chance.Threshold(), chance.Toss() ? Unknown::kStops : Unknown::kPasses};
+      const SweepsQuery query{{sweep},
+                              chance.Threshold(),
+                              chance.Toss() ? UnknownPolicy::kBlocked : UnknownPolicy::kFree};
       const SweepsQuery::Result result = local.Ask(query)->results[0];
       if (!result.is_certified) continue;
       ++certified;
@@ -273,7 +277,7 @@ TEST(LocalMapTest, CertifiedAnswersAreNeverWrong) {
 }
 
 // The most log-odds of what is known in a square around a point.
-double MostWithin(const MapSnapshot& map, const Eigen::Vector2d& point_m, double reach_m) {
+double MostWithin(const MapView& map, const Eigen::Vector2d& point_m, double reach_m) {
   constexpr int kSteps = 20;
   double most = -1e9;
   for (int a = -kSteps; a <= kSteps; ++a) {
@@ -323,11 +327,11 @@ TEST(LocalMapTest, DistancesAreThoseOfBruteForce) {
 }
 
 TEST(LocalMapTest, LaterMapsAreAnsweredAsIfTheyWereTheFirst) {
-  Map map(MapOptions{});
+  MapWriter map(MapOptions{});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
-  LocalMap growing(map.Snapshot());
+  LocalMap growing(map.View());
   Chance chance(5);
-  std::shared_ptr<const MapSnapshot> former;
+  std::shared_ptr<const MapView> former;
   for (int commit = 0; commit < 30; ++commit) {
     layer.BeginCommit();
     for (int n = 0; n < 200; ++n) {
@@ -337,12 +341,12 @@ TEST(LocalMapTest, LaterMapsAreAnsweredAsIfTheyWereTheFirst) {
           static_cast<ControlPoint>(chance.Between(-900, 300));
     }
     // Now and then what was before once more.
-    const auto snapshot = commit % 7 == 6 ? former : map.Snapshot();
-    former = snapshot;
-    growing.Show(snapshot);
-    const LocalMap fresh(snapshot);
-    RaysQuery rays{.rays = {}, .unknown = Unknown::kPasses};
-    SweepsQuery sweeps{.sweeps = {}, .unknown = Unknown::kPasses};
+    const auto view = commit % 7 == 6 ? former : map.View();
+    former = view;
+    growing.Use(view);
+    const LocalMap fresh(view);
+    RaysQuery rays{.rays = {}, .unknown = UnknownPolicy::kFree};
+    SweepsQuery sweeps{.sweeps = {}, .unknown = UnknownPolicy::kFree};
     DistancesQuery distances;
     for (int n = 0; n < 40; ++n) {
       rays.rays.push_back({chance.Point(), chance.Between(-4, 4), 5});
@@ -365,14 +369,15 @@ TEST(LocalMapTest, LaterMapsAreAnsweredAsIfTheyWereTheFirst) {
 
 TEST(LocalMapTest, WaysAndRaysWithoutEndEnd) {
   const LocalMap local(RandomMap(1));
-  const LocalMap empty(std::make_shared<const MapSnapshot>());
+  const LocalMap empty(std::make_shared<const MapView>());
   for (const LocalMap* map : {&local, &empty}) {
-    for (const Unknown unknown : {Unknown::kStops, Unknown::kPasses}) {
+    for (const UnknownPolicy unknown : {UnknownPolicy::kBlocked, UnknownPolicy::kFree}) {
       const RaysQuery rays{
           {{{-1e9, 0.3}, 0, 2e9}, {{5, 5}, 1, 1e300}, {{1e300, 0}, 3, 1}}, 50, unknown};
       const SweepsQuery sweeps{
           {{{{-1e9, 0.3}, {1e9, 0.3}}, 10}, {{{1e10, 0}}, 1}, {{{0, 0}}, 0}}, 50, unknown};
-      const auto expected = unknown == Unknown::kStops ? Occupancy::kUnknown : Occupancy::kFree;
+      const auto expected =
+          unknown == UnknownPolicy::kBlocked ? Occupancy::kUnknown : Occupancy::kFree;
       const auto ends = map->Ask(rays)->ends;
       for (const auto& end : ends) EXPECT_EQ(end.occupancy, expected);
       const auto results = map->Ask(sweeps)->results;

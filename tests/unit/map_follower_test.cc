@@ -1,4 +1,4 @@
-#include "lib/following/map_follower.h"
+#include "lib/replication/map_follower.h"
 
 #include <gtest/gtest.h>
 
@@ -6,9 +6,14 @@
 #include <variant>
 #include <vector>
 
-#include "lib/map/map.h"
-#include "lib/replication/levels_publisher.h"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_settings_t.hpp"
+#include "lcmtypes/splinemap/settings_t.hpp"
+#include "lib/map/map_view.h"
+#include "lib/replication/pyramid_publisher.h"
 #include "lib/wire/encode.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::map_follower_test {
 
@@ -16,12 +21,15 @@ using std::chrono::milliseconds;
 
 constexpr MapOptions kOptions{0.05, {}};
 
+// Of the followers here; owners have others.
+constexpr uint64_t kSpeaker = 1;
+
 // A daemon with one tile, and the messages that it sends.
 class Owner {
  public:
   Owner(const std::string& name, uint64_t origin, MapOptions options = kOptions)
-      : map_(options), layer_(map_.AddLayer({name, origin}, {1, 1})) {
-    publisher_ = std::make_unique<LevelsPublisher>(layer_.Snapshot(), options, PublisherOptions{});
+      : map_(options), layer_(map_.AddLayer({name, origin}, {1, 1000 + origin})) {
+    publisher_ = std::make_unique<PyramidPublisher>(layer_.Snapshot(), options, PublisherOptions{});
   }
 
   void Commit(TileKey key, ControlPoint value) {
@@ -30,16 +38,24 @@ class Owner {
   }
   void SpeakTo(MapFollower& follower, Clock::time_point now) {
     publisher_->SetLayer(layer_.Snapshot(), now);
-    for (const PublishedMessage& message : publisher_->LastTick(now)) {
-      std::visit([&](const auto& m) { follower.HandleMessage(Encode(m), now); }, message);
+    budget_.Refill(now, publisher_->HasChanges(), publisher_->HasPulls());
+    for (const ReplicationMessage& message : publisher_->LastTick(now, budget_)) {
+      follower.HandleBytes(EncodeReplication(message), now);
     }
   }
 
  private:
-  Map map_;
+  MapWriter map_;
   Layer& layer_;
-  std::unique_ptr<LevelsPublisher> publisher_;
+  std::unique_ptr<PyramidPublisher> publisher_;
+  ByteBudget budget_{PublisherOptions().bytes_per_s};
 };
+
+std::vector<ReplicationMessage> TickOf(MapFollower& follower, Clock::time_point now) {
+  ByteBudget budget(PublisherOptions().bytes_per_s);
+  budget.Refill(now, false, follower.HasPulls());
+  return follower.Tick(now, budget);
+}
 
 const Clock::time_point kBegin{std::chrono::hours(1)};
 
@@ -48,22 +64,22 @@ TEST(MapFollowerTest, LayersOfRobotsAddUp) {
   Owner two("two", 2);
   one.Commit({0, 0}, 100);
   two.Commit({0, 0}, 20);
-  MapFollower follower({}, 1);
+  MapFollower follower({}, kSpeaker);
   one.SpeakTo(follower, kBegin);
   two.SpeakTo(follower, kBegin);
-  EXPECT_EQ(follower.Snapshot()->merged.Find({0, 0})->control_points[0], 120);
-  EXPECT_EQ(follower.WholeSnapshot()->layers.size(), 2u);
+  EXPECT_EQ(follower.View()->tiles.Find({0, 0})->control_points[0], 120);
+  EXPECT_EQ(follower.SyncedLayers().layers.size(), 2u);
 }
 
 TEST(MapFollowerTest, TheLayerOfASilentRobotStays) {
   Owner one("one", 1);
   Owner two("two", 2);
   one.Commit({0, 0}, 100);
-  MapFollower follower({}, 1);
+  MapFollower follower({}, kSpeaker);
   one.SpeakTo(follower, kBegin);
   two.SpeakTo(follower, kBegin + std::chrono::hours(1));
-  EXPECT_EQ(follower.Snapshot()->merged.Find({0, 0})->control_points[0], 100);
-  EXPECT_FALSE(follower.Layers(kBegin + std::chrono::hours(1))[0].in_sync);
+  EXPECT_EQ(follower.View()->tiles.Find({0, 0})->control_points[0], 100);
+  EXPECT_FALSE(follower.FollowedLayers(kBegin + std::chrono::hours(1))[0].caught_up);
 }
 
 TEST(MapFollowerTest, ANewMapOfARobotReplacesTheOneBefore) {
@@ -71,24 +87,24 @@ TEST(MapFollowerTest, ANewMapOfARobotReplacesTheOneBefore) {
   Owner after("one", 2);
   before.Commit({0, 0}, 100);
   after.Commit({5, 5}, 20);
-  MapFollower follower({}, 1);
+  MapFollower follower({}, kSpeaker);
   before.SpeakTo(follower, kBegin);
   after.SpeakTo(follower, kBegin + milliseconds(1000));  // the other may still be there
-  EXPECT_EQ(follower.Snapshot()->layers.size(), 2u);
+  EXPECT_EQ(follower.Layers().layers.size(), 2u);
   after.SpeakTo(follower, kBegin + milliseconds(12'000));
-  const auto map = follower.Snapshot();
-  EXPECT_EQ(map->layers.size(), 1u);
-  EXPECT_EQ(map->merged.Find({0, 0}), nullptr);
-  EXPECT_EQ(map->merged.Find({5, 5})->control_points[0], 20);
+  EXPECT_EQ(follower.Layers().layers.size(), 1u);
+  const auto map = follower.View();
+  EXPECT_EQ(map->tiles.Find({0, 0}), nullptr);
+  EXPECT_EQ(map->tiles.Find({5, 5})->control_points[0], 20);
 }
 
 TEST(MapFollowerTest, LayersOfAnotherKnotIntervalAreRefused) {
   Owner one("one", 1);
   Owner two("two", 2, {0.1, {}});
-  MapFollower follower({}, 1);
+  MapFollower follower({}, kSpeaker);
   one.SpeakTo(follower, kBegin);
   two.SpeakTo(follower, kBegin);
-  EXPECT_EQ(follower.Layers(kBegin).size(), 1u);
+  EXPECT_EQ(follower.FollowedLayers(kBegin).size(), 1u);
   EXPECT_EQ(follower.refused(),
             std::vector<std::string>{"two: its knot interval is 0.1 m, and 0.05 m here"});
 }
@@ -99,17 +115,17 @@ TEST(MapFollowerTest, KnotIntervalAndClampsAreThoseOfMostLayers) {
   stranger.Commit({0, 0}, 5);
   Owner one("one", 1);
   one.Commit({0, 0}, 100);
-  MapFollower follower({}, 1);
+  MapFollower follower({}, kSpeaker);
   stranger.SpeakTo(follower, kBegin);
   one.SpeakTo(follower, kBegin + milliseconds(1000));
-  EXPECT_EQ(follower.Snapshot()->options.knot_interval_m, 0.1);
+  EXPECT_EQ(follower.View()->options.knot_interval_m, 0.1);
   one.Commit({0, 0}, 100);
   one.Commit({0, 0}, 101);
   one.SpeakTo(follower, kBegin + milliseconds(6000));  // the stranger has said nothing since
-  const auto map = follower.Snapshot();
+  const auto map = follower.View();
   EXPECT_EQ(map->options, kOptions);
-  ASSERT_NE(map->merged.Find({0, 0}), nullptr);
-  EXPECT_EQ(map->merged.Find({0, 0})->control_points[0], 101);
+  ASSERT_NE(map->tiles.Find({0, 0}), nullptr);
+  EXPECT_EQ(map->tiles.Find({0, 0})->control_points[0], 101);
   EXPECT_TRUE(follower.refused().empty());
   // And one that goes on speaking is outvoted.
   Owner two("two", 2);
@@ -118,80 +134,79 @@ TEST(MapFollowerTest, KnotIntervalAndClampsAreThoseOfMostLayers) {
     one.SpeakTo(follower, kBegin + t);
     two.SpeakTo(follower, kBegin + t);
   }
-  EXPECT_EQ(follower.Snapshot()->options, kOptions);
-  EXPECT_EQ(follower.Snapshot()->layers.size(), 2u);
+  EXPECT_EQ(follower.View()->options, kOptions);
+  EXPECT_EQ(follower.Layers().layers.size(), 2u);
   EXPECT_EQ(follower.refused().size(), 1u);
 }
 
 TEST(MapFollowerTest, EmptyLayersOfStrangersLockNobodyOutAndAreForgotten) {
   const LayerId kept{"kept", 4};
-  Map file(kOptions);
+  MapWriter file(kOptions);
   Layer& layer = file.AddLayer(kept, {1, 1});
   layer.BeginCommit();
   layer.EditTile({0, 0}).control_points.fill(50);
-  Keeper keeper;
+  KeeperOptions keeper;
   keeper.map_options = kOptions;
   keeper.own_layer = {"base", 3};
-  MapFollower follower({}, keeper, *file.Snapshot(), 1, kBegin);
+  MapFollower follower({}, keeper, file.Layers(), kSpeaker, kBegin);
   std::vector<Owner> strangers;
   for (uint64_t n = 0; n < 400; ++n) {
     strangers.emplace_back("stranger-" + std::to_string(n), n).SpeakTo(follower, kBegin);
   }
-  EXPECT_EQ(follower.Layers(kBegin).size(), 256u);
+  EXPECT_EQ(follower.FollowedLayers(kBegin).size(), 256u);
   Owner robot("robot", 1);
   robot.Commit({0, 0}, 100);
   robot.SpeakTo(follower, kBegin + milliseconds(1000));
   for (Owner& stranger : strangers) stranger.SpeakTo(follower, kBegin + milliseconds(2000));
   robot.SpeakTo(follower, kBegin + milliseconds(3000));
-  EXPECT_EQ(follower.Snapshot()->merged.Find({0, 0})->control_points[0], 150);
-  follower.Tick(kBegin + milliseconds(14'000));
-  const auto map = follower.Snapshot();
-  ASSERT_EQ(map->layers.size(), 2u) << "all that have tiles";
-  EXPECT_EQ(map->merged.Find({0, 0})->control_points[0], 150);
+  EXPECT_EQ(follower.View()->tiles.Find({0, 0})->control_points[0], 150);
+  TickOf(follower, kBegin + milliseconds(14'000));
+  ASSERT_EQ(follower.Layers().layers.size(), 2u) << "all that have tiles";
+  EXPECT_EQ(follower.View()->tiles.Find({0, 0})->control_points[0], 150);
 }
 
-LayerControl Control(uint64_t counter, bool muted, uint64_t removed_up_to) {
-  LayerControl control;
-  control.muted = muted;
-  control.counter = counter;
-  control.removed_up_to = removed_up_to;
-  return control;
+LayerSettings Setting(uint64_t counter, bool muted, uint64_t removed_up_to) {
+  LayerSettings setting;
+  setting.muted = muted;
+  setting.counter = counter;
+  setting.removed_up_to = removed_up_to;
+  return setting;
 }
 
-std::vector<uint8_t> Decision(const LayerId& id, const LayerControl& control) {
-  layer_control_t record{};
+std::vector<uint8_t> SettingsMessage(const LayerId& id, const LayerSettings& setting) {
+  layer_settings_t record{};
   record.name = id.name;
   record.origin = static_cast<int64_t>(id.origin);
-  record.muted = control.muted ? 1 : 0;
-  record.counter = static_cast<int64_t>(control.counter);
-  record.removed_up_to = static_cast<int64_t>(control.removed_up_to);
-  control_records_t message{};
-  message.sender = 99;
-  message.num_records = 1;
-  message.records = {record};
+  record.muted = setting.muted ? 1 : 0;
+  record.counter = static_cast<int64_t>(setting.counter);
+  record.removed_up_to = static_cast<int64_t>(setting.removed_up_to);
+  settings_t message{};
+  message.speaker = 99;
+  message.num_layers = 1;
+  message.layers = {record};
   return Encode(message);
 }
 
-TEST(MapFollowerTest, DecisionsFromTheBusAreIgnoredWhereNoneAreTaken) {
-  for (const bool takes_decisions : {true, false}) {
+TEST(MapFollowerTest, SettingsFromTheBusAreIgnoredWhereNoneAreTaken) {
+  for (const bool takes_settings : {true, false}) {
     Owner one("one", 1);
     one.Commit({0, 0}, 100);
     FollowOptions options;
-    options.takes_decisions = takes_decisions;
-    MapFollower follower(options, 1);
+    options.takes_settings = takes_settings;
+    MapFollower follower(options, kSpeaker);
     one.SpeakTo(follower, kBegin);
     const auto value = [&] {
-      const Tile* tile = follower.Snapshot()->merged.Find({0, 0});
+      const Tile* tile = follower.View()->tiles.Find({0, 0});
       return tile == nullptr ? 0 : tile->control_points[0];
     };
     ASSERT_EQ(value(), 100);
-    follower.HandleMessage(Decision({"one", 1}, Control(1, true, 0)), kBegin);
-    EXPECT_EQ(value(), takes_decisions ? 0 : 100);
-    follower.HandleMessage(Decision({"one", 1}, Control(2, false, 1)), kBegin);
-    EXPECT_EQ(value(), takes_decisions ? 0 : 100);
-    EXPECT_EQ(follower.Layers(kBegin).size(), takes_decisions ? 0u : 1u);
-    for (const MapFollower::Message& message : follower.Tick(kBegin + milliseconds(1000))) {
-      EXPECT_TRUE(takes_decisions || !std::holds_alternative<control_records_t>(message));
+    follower.HandleBytes(SettingsMessage({"one", 1}, Setting(1, true, 0)), kBegin);
+    EXPECT_EQ(value(), takes_settings ? 0 : 100);
+    follower.HandleBytes(SettingsMessage({"one", 1}, Setting(2, false, 1)), kBegin);
+    EXPECT_EQ(value(), takes_settings ? 0 : 100);
+    EXPECT_EQ(follower.FollowedLayers(kBegin).size(), takes_settings ? 0u : 1u);
+    for (const ReplicationMessage& message : TickOf(follower, kBegin + milliseconds(1000))) {
+      EXPECT_TRUE(takes_settings || !std::holds_alternative<settings_t>(message));
     }
   }
 }
@@ -199,27 +214,28 @@ TEST(MapFollowerTest, DecisionsFromTheBusAreIgnoredWhereNoneAreTaken) {
 TEST(MapFollowerTest, AStartOrARemovalThatNobodyCountsToIsIgnored) {
   Owner one("one", 1);
   one.Commit({0, 0}, 100);
-  MapFollower follower({}, 1);
+  MapFollower follower({}, kSpeaker);
   // Of the removal the follower hears before the layer.
-  follower.HandleMessage(Decision({"one", 1}, Control(1, false, 1ull << 61)), kBegin);
+  follower.HandleBytes(SettingsMessage({"one", 1}, Setting(1, false, 1ull << 61)), kBegin);
   one.SpeakTo(follower, kBegin);
-  EXPECT_EQ(follower.Snapshot()->layers.size(), 1u);
-  follower.HandleMessage(Decision({"one", 1}, Control(1, false, 1ull << 61)), kBegin);
-  EXPECT_EQ(follower.Snapshot()->layers.size(), 1u);
+  EXPECT_EQ(follower.Layers().layers.size(), 1u);
+  follower.HandleBytes(SettingsMessage({"one", 1}, Setting(1, false, 1ull << 61)), kBegin);
+  EXPECT_EQ(follower.Layers().layers.size(), 1u);
   layer_digest_t digest{};
-  digest.layer = ToMessage({{"one", 1}, {LayerControl::kMaxStartsAhead + 2, 1}, {}});
+  digest.speaker = 1001;
+  digest.layer = ToMessage({{"one", 1}, {LayerSettings::kMaxSessionsAhead + 2, 1001}, {}});
   digest.protocol_version = kProtocolVersion;
   digest.knot_interval_m = kOptions.knot_interval_m;
   digest.min_control_point = kOptions.limits.min;
   digest.max_control_point = kOptions.limits.max;
   digest.root_level = 1;
-  follower.HandleMessage(Encode(digest), kBegin);
+  follower.HandleBytes(Encode(digest), kBegin);
   EXPECT_EQ(follower.malformed(), 1);
   one.SpeakTo(follower, kBegin + milliseconds(1000));
-  EXPECT_TRUE(follower.Layers(kBegin + milliseconds(1000))[0].in_sync);
+  EXPECT_TRUE(follower.FollowedLayers(kBegin + milliseconds(1000))[0].caught_up);
   // A true one is not.
-  follower.HandleMessage(Decision({"one", 1}, Control(1, false, 1)), kBegin);
-  EXPECT_TRUE(follower.Snapshot()->layers.empty());
+  follower.HandleBytes(SettingsMessage({"one", 1}, Setting(1, false, 1)), kBegin);
+  EXPECT_TRUE(follower.Layers().layers.empty());
 }
 
 TEST(MapFollowerTest, ARegionIsOfTheMapFrameAtAnyLevel) {
@@ -228,20 +244,20 @@ TEST(MapFollowerTest, ARegionIsOfTheMapFrameAtAnyLevel) {
   one.Commit({9, 0}, 100);
   FollowOptions options;
   options.region = Region{0.2, 0.2, 1.4, 1.4};
-  MapFollower follower(options, 1);
+  MapFollower follower(options, kSpeaker);
   one.SpeakTo(follower, kBegin);
-  EXPECT_EQ(follower.Snapshot()->layers[0].tiles.size(), 1u);
-  EXPECT_EQ(follower.Snapshot()->options, kOptions);
+  EXPECT_EQ(follower.Layers().layers[0].tiles.size(), 1u);
+  EXPECT_EQ(follower.View()->options, kOptions);
 
-  options.detail = {3, Band::kMax};
-  MapFollower coarse(options, 1);
+  options.level_of_detail = {3, Statistic::kMax};
+  MapFollower coarse(options, kSpeaker);
   one.SpeakTo(coarse, kBegin);
-  EXPECT_DOUBLE_EQ(coarse.Snapshot()->options.knot_interval_m, 0.4);
-  const auto messages = coarse.Tick(kBegin + milliseconds(200));
+  EXPECT_DOUBLE_EQ(coarse.View()->options.knot_interval_m, 0.4);
+  const auto messages = TickOf(coarse, kBegin + milliseconds(200));
   ASSERT_EQ(messages.size(), 1u);
   const auto& pull = std::get<layer_pull_t>(messages[0]);
-  EXPECT_EQ(pull.layer.detail_level, 3);
-  EXPECT_EQ(pull.layer.band, 2);
+  EXPECT_EQ(pull.layer.level, 3);
+  EXPECT_EQ(pull.layer.statistic, 2);
 }
 
 }  // namespace splinemap::map_follower_test

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/support/map_file_fixture.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::map_records_test {
 
@@ -15,7 +16,7 @@ class MapRecordsTest : public MapFileTest {
   int64_t Write() {
     SQLite::Transaction transaction(database_);
     const int64_t before = database_.getTotalChanges();
-    Written written = WriteMap(*map_.Snapshot(), saved_, database_);
+    Written written = WriteMap(map_.Layers(), saved_, database_);
     EXPECT_TRUE(written.left_out.empty());
     saved_ = std::move(written.saved);
     const int64_t rows = database_.getTotalChanges() - before;
@@ -26,8 +27,8 @@ class MapRecordsTest : public MapFileTest {
   void ExpectThatReadersSeeTheMap() {
     const auto loaded = ReadMap("map", database_);
     ASSERT_TRUE(loaded.ok()) << loaded.status();
-    EXPECT_TRUE(loaded->damages.empty());
-    ExpectEqual(*loaded->map, *map_.Snapshot());
+    EXPECT_TRUE(loaded->corruption.empty());
+    ExpectEqual(loaded->set, map_.Layers());
   }
 
   static void CommitMany(Layer& layer, int tiles) {
@@ -46,10 +47,10 @@ TEST_F(MapRecordsTest, AnotherSessionOfALayerCostsItsRowAndWhatChanged) {
   CommitMany(map_.AddLayer({"other", 2}, {1, 1}), 100);
   CommitMany(layer, 8000);
   EXPECT_GT(Write(), 8100);
-  layer.BeginLife({"robot", 1}, {2, 9});
+  layer.StartSession({"robot", 1}, {2, 9});
   EXPECT_LT(Write(), 10);
   ExpectThatReadersSeeTheMap();
-  layer.BeginLife({"robot", 77}, {1, 9});  // another origin, as after a clone was heard
+  layer.StartSession({"robot", 77}, {1, 9});  // another origin, as after a clone was heard
   CommitMany(layer, 5);
   EXPECT_LT(Write(), 15);
   ExpectThatReadersSeeTheMap();
@@ -62,19 +63,19 @@ TEST_F(MapRecordsTest, TwoLayersThatChangeTheirNamesKeepTheirTiles) {
   CommitMany(a, 1000);
   CommitMany(b, 10);
   Write();
-  a.BeginLife({"b", 1}, {1, 1});
-  b.BeginLife({"a", 1}, {1, 1});
+  a.StartSession({"b", 1}, {1, 1});
+  b.StartSession({"a", 1}, {1, 1});
   EXPECT_LT(Write(), 10);
   ExpectThatReadersSeeTheMap();
 }
 
-TEST_F(MapRecordsTest, AnEmptyLifeBeginsAtOnceAndOldTilesGoInPortions) {
+TEST_F(MapRecordsTest, AnEmptySessionBeginsAtOnceAndOldTilesGoInPortions) {
   Layer& layer = map_.AddLayer({"robot", 1}, {1, 1});
   CommitMany(layer, 30'000);
   Write();
   int saves = 0;
-  for (uint64_t life = 2; life < 5; ++life) {
-    layer.BeginEmptyLife({life, 1});
+  for (uint64_t number = 2; number < 5; ++number) {
+    layer.StartEmptySession({number, 1});
     CommitMany(layer, 7);
     EXPECT_LT(Write(), 5000);
     ExpectThatReadersSeeTheMap();
@@ -92,7 +93,7 @@ TEST_F(MapRecordsTest, AnEmptyLifeBeginsAtOnceAndOldTilesGoInPortions) {
 TEST_F(MapRecordsTest, TilesOfALayerThatIsGoneAreNobodyElses) {
   CommitMany(map_.AddLayer({"robot", 1}, {1, 1}), 10'000);
   Write();
-  map_ = Map(map_.options());
+  map_ = MapWriter(map_.options());
   CommitMany(map_.AddLayer({"other", 2}, {1, 1}), 3);
   Write();
   EXPECT_GT(CountTiles(), 3);

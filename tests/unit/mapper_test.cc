@@ -7,8 +7,9 @@
 
 #include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 #include "lib/wire/encode.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::mapper_test {
 
@@ -33,14 +34,14 @@ class MapperTest : public testing::Test {
         "LASER", Encode(PlanarLidarMessage(std::chrono::milliseconds(ms), {2}, M_PI / 2, 0)));
   }
 
-  int64_t Symptoms(Symptom symptom) const {
-    return mapper_->counts().symptoms[static_cast<int>(symptom)];
+  int64_t Problems(Problem problem) const {
+    return mapper_->counts().problems[static_cast<int>(problem)];
   }
 
-  double At(double x_m, double y_m) { return map_.Snapshot()->Evaluate(x_m, y_m).log_odds; }
+  double At(double x_m, double y_m) { return map_.View()->Evaluate(x_m, y_m).log_odds; }
 
   config::Config config_;
-  Map map_{{}};
+  MapWriter map_{{}};
   Layer& layer_ = map_.AddLayer({"robot", 1}, {1, 1});
   std::optional<Mapper> mapper_;
 };
@@ -85,8 +86,8 @@ TEST_F(MapperTest, MichiganScansAreToldByTheirBeamTimes) {
   mapper_->HandleMessage("LASER", Encode(lidar));
   EXPECT_GT(At(0.1, -2), 0.5);
   EXPECT_GT(At(0.6, -2), 0.5);
-  ASSERT_EQ(mapper_->TakeNotices().size(), 1u);
-  EXPECT_TRUE(mapper_->TakeNotices().empty());
+  ASSERT_EQ(mapper_->DrainNotices().size(), 1u);
+  EXPECT_TRUE(mapper_->DrainNotices().empty());
 }
 
 TEST_F(MapperTest, WhatCannotBeUsedIsCountedAndSaid) {
@@ -109,14 +110,14 @@ TEST_F(MapperTest, WhatCannotBeUsedIsCountedAndSaid) {
   EXPECT_EQ(counts.messages_received, 11);
   EXPECT_EQ(counts.scans_received, 3);
   EXPECT_EQ(counts.poses_received, 8);
-  EXPECT_EQ(mapper_->TakeNotices().size(), 4u);
+  EXPECT_EQ(mapper_->DrainNotices().size(), 4u);
   EXPECT_EQ(layer_.revision(), 0u);
 }
 
 TEST_F(MapperTest, AChannelOfAnotherTypeIsDescribed) {
   Configure("LASER:bot_core");
   mapper_->HandleMessage("LASER", Encode(PoseMessage({Utime(0), {}})));
-  const std::vector<Notice> notices = mapper_->TakeNotices();
+  const std::vector<Notice> notices = mapper_->DrainNotices();
   ASSERT_EQ(notices.size(), 1u);
   EXPECT_NE(notices[0].text.find("0x2e16efb052b0105e, which is bot_core.pose_t"), std::string::npos)
       << notices[0].text;
@@ -136,7 +137,7 @@ TEST_F(MapperTest, TheMotionFilterSkipsARobotThatStandsStill) {
   drive(400, 1.0, 0.4);
   EXPECT_EQ(mapper_->counts().scans_mapped, 3);
   EXPECT_EQ(mapper_->counts().drops[DropReason::kStoodStill], 2);
-  EXPECT_TRUE(mapper_->TakeNotices().empty()) << "as configured";
+  EXPECT_TRUE(mapper_->DrainNotices().empty()) << "as configured";
 }
 
 TEST_F(MapperTest, ExtrinsicsComeFromTheirChannel) {
@@ -176,14 +177,14 @@ TEST_F(MapperTest, BeamTimesThatAreAllTheSameAreSaid) {
   lidar.times = {100'000, 100'000};
   lidar.intensities = {0, 0};
   mapper_->HandleMessage("LASER", Encode(lidar));
-  EXPECT_EQ(Symptoms(Symptom::kUselessBeamTimes), 1);
-  const std::vector<Notice> notices = mapper_->TakeNotices();
+  EXPECT_EQ(Problems(Problem::kUselessBeamTimes), 1);
+  const std::vector<Notice> notices = mapper_->DrainNotices();
   ASSERT_EQ(notices.size(), 1u);
   EXPECT_NE(notices[0].text.find("michigan_2017"), std::string::npos) << notices[0].text;
   lidar.utime = 200'000;
   lidar.times = {200'000, 300'000};
   mapper_->HandleMessage("LASER", Encode(lidar));
-  EXPECT_EQ(Symptoms(Symptom::kUselessBeamTimes), 1);
+  EXPECT_EQ(Problems(Problem::kUselessBeamTimes), 1);
 }
 
 TEST_F(MapperTest, AnotherClockIsSaidWithTheOffsetThatMends) {
@@ -192,8 +193,8 @@ TEST_F(MapperTest, AnotherClockIsSaidWithTheOffsetThatMends) {
     Pose(100 * n);
     ScanLeft(100 * n + 50'000);
   }
-  EXPECT_EQ(Symptoms(Symptom::kWithoutPoses), 2) << "every 20 scans";
-  const std::vector<Notice> notices = mapper_->TakeNotices();
+  EXPECT_EQ(Problems(Problem::kWithoutPoses), 2) << "every 20 scans";
+  const std::vector<Notice> notices = mapper_->DrainNotices();
   ASSERT_EQ(notices.size(), 1u);
   EXPECT_NE(notices[0].text.find("50.1 s after the poses of POSE"), std::string::npos)
       << notices[0].text;
@@ -211,8 +212,8 @@ TEST_F(MapperTest, AChannelInAnotherClockIsToldBesideOneThatIsFine) {
         "REAR", Encode(PlanarLidarMessage(std::chrono::milliseconds(100 * n), {2}, 0, 0)));
   }
   EXPECT_GE(mapper_->counts().scans_mapped, 55);
-  ASSERT_EQ(Symptoms(Symptom::kWithoutPoses), 3) << "every 20 scans";
-  const std::vector<Notice> notices = mapper_->TakeNotices();
+  ASSERT_EQ(Problems(Problem::kWithoutPoses), 3) << "every 20 scans";
+  const std::vector<Notice> notices = mapper_->DrainNotices();
   ASSERT_EQ(notices.size(), 1u);
   EXPECT_EQ(notices[0].text.substr(0, 4), "REAR");
   EXPECT_NE(notices[0].text.find("time_offset_ms=1000"), std::string::npos) << notices[0].text;
@@ -228,9 +229,9 @@ TEST_F(MapperTest, ALocalisationThatJumpsIsSaid) {
                                                      std::vector<float>(180, 2), 0, M_PI / 90)));
   };
   for (int n = 0; n < 300; ++n) scan(100 * n, 0);
-  EXPECT_EQ(Symptoms(Symptom::kMapDisagrees), 0);
+  EXPECT_EQ(Problems(Problem::kMapDisagrees), 0);
   for (int n = 300; n < 325; ++n) scan(100 * n, 0.7);
-  EXPECT_GE(Symptoms(Symptom::kMapDisagrees), 1);
+  EXPECT_GE(Problems(Problem::kMapDisagrees), 1);
 }
 
 TEST_F(MapperTest, PosesAtTheEdgeOfTheRangeAreMappedSafely) {
@@ -249,9 +250,9 @@ TEST_F(MapperTest, ALocalisationThatFallsSilentIsSaidEachTime) {
   for (int time = 1; time <= 2; ++time) {
     Pose(ms);
     ScanLeft(ms);
-    mapper_->TakeNotices();
+    mapper_->DrainNotices();
     for (int n = 0; n < 60; ++n) ScanLeft(ms += 100);
-    const std::vector<Notice> notices = mapper_->TakeNotices();
+    const std::vector<Notice> notices = mapper_->DrainNotices();
     ASSERT_EQ(notices.size(), 1u);
     EXPECT_TRUE(notices[0].is_problem);
     EXPECT_NE(notices[0].text.find("Has POSE stopped"), std::string::npos) << notices[0].text;
@@ -312,17 +313,17 @@ TEST_F(MapperTest, ATimeJumpNamesItsChannel) {
   Configure("LASER:bot_core");
   Pose(100'000);
   ScanLeft(100'000);
-  mapper_->TakeNotices();
+  mapper_->DrainNotices();
   ScanLeft(10'000);
-  EXPECT_TRUE(mapper_->TakeNotices().empty()) << "it may be a stray stamp";
+  EXPECT_TRUE(mapper_->DrainNotices().empty()) << "it may be a stray stamp";
   ScanLeft(10'100);
-  std::vector<Notice> notices = mapper_->TakeNotices();
+  std::vector<Notice> notices = mapper_->DrainNotices();
   ASSERT_EQ(notices.size(), 1u);
   EXPECT_EQ(notices[0].text.substr(0, 6), "LASER:") << notices[0].text;
   Pose(200'000);
   Pose(20'000);
   Pose(20'100);
-  notices = mapper_->TakeNotices();
+  notices = mapper_->DrainNotices();
   ASSERT_FALSE(notices.empty());
   EXPECT_EQ(notices[0].text.substr(0, 5), "POSE:") << notices[0].text;
 }

@@ -1,4 +1,4 @@
-#include "lib/query/nearest_sites.h"
+#include "lib/distance/nearest_sites.h"
 
 #include <gtest/gtest.h>
 

@@ -1,10 +1,12 @@
-#include "lib/query/obstacle_squares.h"
+#include "lib/distance/obstacle_squares.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <memory>
 #include <random>
+
+#include "tests/support/map_writer.h"
 
 namespace splinemap::obstacle_squares_test {
 
@@ -17,10 +19,10 @@ constexpr CellMask kAllCells = [] {
 }();
 
 // Tiles of which some are known in part: noise, holes, levels that are the same everywhere.
-std::shared_ptr<const MapSnapshot> RandomMap(uint64_t seed) {
+std::shared_ptr<const MapView> RandomMap(uint64_t seed) {
   std::mt19937_64 random(seed);
   std::uniform_int_distribution<int> noise(-700, 400);
-  Map map(MapOptions{});
+  MapWriter map(MapOptions{});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   layer.BeginCommit();
   for (int j = -20; j <= 20; ++j) {
@@ -31,7 +33,7 @@ std::shared_ptr<const MapSnapshot> RandomMap(uint64_t seed) {
           static_cast<ControlPoint>(value == 0 ? 1 : value);
     }
   }
-  return map.Snapshot();
+  return map.View();
 }
 
 TEST(ObstacleSquaresTest, HaveWhatIsOccupiedOrUnknownAndNothingElse) {
@@ -40,11 +42,11 @@ TEST(ObstacleSquaresTest, HaveWhatIsOccupiedOrUnknownAndNothingElse) {
   for (uint64_t seed = 0; seed < 2; ++seed) {
     const auto map = RandomMap(seed);
     const SurfaceBounds bounds = SurfaceBoundsEditor().Update(*map);
-    for (const Unknown unknown : {Unknown::kPasses, Unknown::kStops}) {
+    for (const UnknownPolicy unknown : {UnknownPolicy::kFree, UnknownPolicy::kBlocked}) {
       for (const double threshold : {0.0, -1.0, 0.7}) {
         bounds.tiles.ForEach([&](TileKey key, const KeyTree<TileBounds>::Entry& entry) {
           ObstacleSquares squares;
-          SquareFinder(map->merged, threshold * kUnitsPerLogOdds, unknown)
+          ObstacleRasterizer(map->tiles, threshold * kUnitsPerLogOdds, unknown)
               .Update(key, *entry.tile, kAllCells, squares);
           for (int y = 0; y < ObstacleSquares::kSide; y += 9) {
             for (int x = 0; x < ObstacleSquares::kSide; x += 9) {
@@ -63,7 +65,7 @@ TEST(ObstacleSquaresTest, HaveWhatIsOccupiedOrUnknownAndNothingElse) {
               const bool is_set = (squares.rows[y] >> x & 1) != 0;
               (is_set ? num_set : num_clear) += 1;
               if (is_unknown) {
-                ASSERT_EQ(is_set, unknown == Unknown::kStops);
+                ASSERT_EQ(is_set, unknown == UnknownPolicy::kBlocked);
               } else if (is_set) {
                 ASSERT_GT(most, threshold - 0.1) << x << " " << y;
               } else {
@@ -82,7 +84,7 @@ TEST(ObstacleSquaresTest, HaveWhatIsOccupiedOrUnknownAndNothingElse) {
 TEST(ObstacleSquaresTest, OnlyTheCellsThatAreToldChange) {
   const auto map = RandomMap(1);
   const SurfaceBounds bounds = SurfaceBoundsEditor().Update(*map);
-  SquareFinder finder(map->merged, 0, Unknown::kPasses);
+  ObstacleRasterizer finder(map->tiles, 0, UnknownPolicy::kFree);
   ObstacleSquares anew;
   finder.Update({0, 0}, *bounds.tiles.Find({0, 0}), kAllCells, anew);
   CellMask cells{};
@@ -103,16 +105,16 @@ TEST(ObstacleSquaresTest, OnlyTheCellsThatAreToldChange) {
 TEST(ObstacleSquaresTest, CellsChangeWhereOneOfTheirControlPointsDoes) {
   std::mt19937_64 random(1);
   std::uniform_int_distribution<int> knot(-36, 68);
-  Map map(MapOptions{});
+  MapWriter map(MapOptions{});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   for (int commit = 0; commit < 200; ++commit) {
-    const auto before = map.Snapshot();
+    const auto before = map.View();
     layer.BeginCommit();
     const int i = knot(random);
     const int j = knot(random);
     ControlPoint& control_point = layer.EditTile(TileOf(i, j)).control_points[IndexInTile(i, j)];
     control_point = static_cast<ControlPoint>(control_point + 1);
-    const CellMask cells = ChangedCells(before->merged, map.Snapshot()->merged, {0, 0});
+    const CellMask cells = ChangedCells(before->tiles, map.View()->tiles, {0, 0});
     for (int y = 0; y < Tile::kSide; ++y) {
       for (int x = 0; x < Tile::kSide; ++x) {
         const bool is_near = i >= x - 1 && i <= x + 2 && j >= y - 1 && j <= y + 2;
@@ -124,7 +126,7 @@ TEST(ObstacleSquaresTest, CellsChangeWhereOneOfTheirControlPointsDoes) {
 
 // A hill whose top is between the corners of a square is not missed.
 TEST(ObstacleSquaresTest, PeaksWithinASquareAreFound) {
-  Map map(MapOptions{});
+  MapWriter map(MapOptions{});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   layer.BeginCommit();
   const auto put = [&](int i, int j, int value) {
@@ -136,20 +138,20 @@ TEST(ObstacleSquaresTest, PeaksWithinASquareAreFound) {
   }
   put(10, 10, 2000);
   put(11, 10, 700);
-  const auto snapshot = map.Snapshot();
+  const auto view = map.View();
   double most = -1e9;
   Eigen::Vector2d top_m;
   for (int k = 0; k < 400 * 400; ++k) {
     const Eigen::Vector2d at_m =
         kKnot_m * (Eigen::Vector2d(9, 9) + Eigen::Vector2d(k % 400, k / 400) / 100);
-    const double log_odds = snapshot->Evaluate(at_m.x(), at_m.y()).log_odds;
+    const double log_odds = view->Evaluate(at_m.x(), at_m.y()).log_odds;
     if (log_odds > most) top_m = at_m;
     most = std::max(most, log_odds);
   }
-  const SurfaceBounds bounds = SurfaceBoundsEditor().Update(*snapshot);
+  const SurfaceBounds bounds = SurfaceBoundsEditor().Update(*view);
   const double threshold = (most - 1e-5) * kUnitsPerLogOdds;
   ObstacleSquares squares;
-  SquareFinder(snapshot->merged, threshold, Unknown::kPasses)
+  ObstacleRasterizer(view->tiles, threshold, UnknownPolicy::kFree)
       .Update({0, 0}, *bounds.tiles.Find({0, 0}), kAllCells, squares);
   const auto x = static_cast<int>(top_m.x() / kKnot_m * ObstacleSquares::kPerKnot);
   const auto y = static_cast<int>(top_m.y() / kKnot_m * ObstacleSquares::kPerKnot);

@@ -12,6 +12,7 @@
 #include "lib/base/status.h"
 #include "lib/store/map_file.h"
 #include "tests/support/map_file_fixture.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap::page_scan_test {
@@ -33,33 +34,33 @@ class DamagedMapFileTest : public MapFileTest {
           layer->EditTile(RandomKey(random, 6)) = RandomTile(random, map_.options().limits);
         }
       }
-      EXPECT_TRUE(file->Save(*map_.Snapshot()).ok());
+      EXPECT_TRUE(file->Save(map_.Layers()).ok());
     }
     EXPECT_TRUE(file->Close().ok());
     std::ifstream in(path_, std::ios::binary);
     bytes_.assign(std::istreambuf_iterator<char>(in), {});
   }
 
-  // Loads a file of these bytes: refused, or damages are listed, or the map is whole.
+  // Loads a file of these bytes: refused, or corruption is listed, or the map is whole.
   void ExpectNothingSilentlyWrong(const std::string& bytes, const std::string& what) {
     std::ofstream(path_, std::ios::binary) << bytes;
     const auto loaded = ReadMapFile(path_);
     if (!loaded.ok()) {
       ++refused_;
       EXPECT_FALSE(ErrorText(loaded.status()).empty()) << what;
-    } else if (!loaded->damages.empty()) {
+    } else if (!loaded->corruption.empty()) {
       ++damaged_;
     } else {
-      ++whole_;
+      ++intact_;
       SCOPED_TRACE(what);
-      ExpectEqual(*loaded->map, *map_.Snapshot());
+      ExpectEqual(loaded->set, map_.Layers());
     }
   }
 
   std::string bytes_;
   int refused_ = 0;
   int damaged_ = 0;
-  int whole_ = 0;
+  int intact_ = 0;
 };
 
 TEST_F(DamagedMapFileTest, NoFlippedBitGoesUnnoticed) {
@@ -72,7 +73,7 @@ TEST_F(DamagedMapFileTest, NoFlippedBitGoesUnnoticed) {
     ExpectNothingSilentlyWrong(bytes, fmt::format("bit {} of byte {}", bit, place));
   }
   EXPECT_GT(damaged_, 50);
-  EXPECT_GT(whole_, 10);  // places that are not in use
+  EXPECT_GT(intact_, 10);  // places that are not in use
 }
 
 TEST_F(DamagedMapFileTest, NoDamagedPageGoesUnnoticed) {
@@ -91,20 +92,20 @@ TEST_F(DamagedMapFileTest, NoDamagedPageGoesUnnoticed) {
 TEST_F(DamagedMapFileTest, AForeignLogBesideTheMapIsNotMixedIn) {
   std::ofstream(path_ + "-wal", std::ios::binary) << std::string(10'000, 'x');
   ExpectNothingSilentlyWrong(bytes_, "text as -wal");
-  EXPECT_EQ(whole_, 1);
+  EXPECT_EQ(intact_, 1);
   // What another map's daemon left when it was killed, the last save in it.
   const std::string other_path = directory_.File("other");
-  Map other(map_.options());
+  MapWriter other(map_.options());
   Layer& layer = other.AddLayer({"robot a", 1}, {1, 1});
   auto file = MapFile::Open(other_path);
   for (ControlPoint value = 3; value < 6; ++value) {
     Commit(layer, value);
-    ASSERT_TRUE(file->Save(*other.Snapshot()).ok());
+    ASSERT_TRUE(file->Save(other.Layers()).ok());
   }
   std::filesystem::copy_file(other_path + "-wal", path_ + "-wal",
                              std::filesystem::copy_options::overwrite_existing);
   const auto loaded = ReadMapFile(path_);
-  if (loaded.ok() && loaded->damages.empty()) ExpectEqual(*loaded->map, *other.Snapshot());
+  if (loaded.ok() && loaded->corruption.empty()) ExpectEqual(loaded->set, other.Layers());
 }
 
 TEST_F(MapFileTest, RowsOfAllSizesAreReadFromPagesAsFromTheDatabase) {
@@ -161,9 +162,9 @@ class DamagedPagesTest : public MapFileTest {
       Layer& layer = map_.AddLayer({fmt::format("robot {}", k), random()}, {4, random()});
       if (k == 1) map_.SetOwnLayer(layer.id());
     }
-    LayerControls controls;
-    controls.Take({"gone", 3}, controls.Removal({"gone", 3}, 12, 79));
-    map_.SetControls(controls);
+    SettingsTable settings;
+    settings.Merge({"gone", 3}, settings.Removal({"gone", 3}, {12, 1}, 79));
+    map_.SetSettings(settings);
     auto file = MapFile::Open(path_);
     for (int round = 0; round < 4; ++round) {
       for (size_t k = 0; k < 3; ++k) {
@@ -172,12 +173,12 @@ class DamagedPagesTest : public MapFileTest {
           map_.layer(k).EditTile(RandomKey(random, 6)) = RandomTile(random, map_.options().limits);
         }
       }
-      EXPECT_TRUE(file->Save(*map_.Snapshot()).ok());
+      EXPECT_TRUE(file->Save(map_.Layers()).ok());
     }
     EXPECT_TRUE(file->Close().ok());
     std::ifstream in(path_, std::ios::binary);
     bytes_.assign(std::istreambuf_iterator<char>(in), {});
-    original_ = map_.Snapshot();
+    original_ = map_.Layers();
     for (size_t page = 0; page < bytes_.size() / kPage; ++page) on_page_.push_back(RowsOf(page));
   }
 
@@ -208,17 +209,17 @@ class DamagedPagesTest : public MapFileTest {
     for (size_t page = first; page < last; ++page) on_damaged += on_page_[page].size();
     size_t expected = 0;
     size_t found = 0;
-    ASSERT_EQ(loaded->map->layers.size(), original_->layers.size());
-    EXPECT_EQ(loaded->map->options, original_->options);
-    EXPECT_EQ(loaded->map->own_layer, original_->own_layer);
-    EXPECT_EQ(loaded->map->controls, original_->controls);
-    for (size_t k = 0; k < original_->layers.size(); ++k) {
-      const LayerSnapshot& layer = loaded->map->layers[k];
-      EXPECT_EQ(layer.id, original_->layers[k].id);
-      EXPECT_EQ(layer.epoch, original_->layers[k].epoch);
-      EXPECT_EQ(layer.revision, original_->layers[k].revision);
+    ASSERT_EQ(loaded->set.layers.size(), original_.layers.size());
+    EXPECT_EQ(loaded->set.options, original_.options);
+    EXPECT_EQ(loaded->set.own_layer, original_.own_layer);
+    EXPECT_EQ(loaded->set.settings, original_.settings);
+    for (size_t k = 0; k < original_.layers.size(); ++k) {
+      const LayerSnapshot& layer = loaded->set.layers[k];
+      EXPECT_EQ(layer.id, original_.layers[k].id);
+      EXPECT_EQ(layer.session, original_.layers[k].session);
+      EXPECT_EQ(layer.revision, original_.layers[k].revision);
       const Content content = ContentOf(layer.tiles);
-      const Content was = ContentOf(original_->layers[k].tiles);
+      const Content was = ContentOf(original_.layers[k].tiles);
       for (const auto& [key, tile] : content) {
         const auto before = was.find(key);
         ASSERT_TRUE(before != was.end());
@@ -228,11 +229,11 @@ class DamagedPagesTest : public MapFileTest {
       found += content.size();
     }
     EXPECT_GE(found + on_damaged, expected);
-    EXPECT_TRUE(found == expected || !loaded->damages.empty());
+    EXPECT_TRUE(found == expected || !loaded->corruption.empty());
     expected_ += expected;
     found_ += found;
     ++files_;
-    damaged_files_ += loaded->damages.empty() ? 0 : 1;
+    damaged_files_ += loaded->corruption.empty() ? 0 : 1;
   }
 
   void PrintShare(const char* kind) const {
@@ -242,7 +243,7 @@ class DamagedPagesTest : public MapFileTest {
   }
 
   std::string bytes_;
-  std::shared_ptr<const MapSnapshot> original_;
+  LayerSet original_;
   std::vector<Rows> on_page_;
   size_t expected_ = 0;
   size_t found_ = 0;
@@ -319,15 +320,15 @@ TEST_F(DamagedPagesTest, AWriterGoesOnAndKeepsTheFileAsItWas) {
     ASSERT_TRUE(file.ok()) << file.status();
     const auto loaded = file->Load();
     ASSERT_TRUE(loaded.ok()) << loaded.status();
-    if (loaded->damages.empty()) continue;  // a page out of use
-    const auto saved = file->Save(*loaded->map);
+    if (loaded->corruption.empty()) continue;  // a page out of use
+    const auto saved = file->Save(loaded->set);
     ASSERT_TRUE(saved.ok()) << saved.status();
     const auto kept = ReadMapFile(loaded->kept_copy);
-    EXPECT_FALSE(kept->damages.empty());
-    ExpectEqual(*kept->map, *loaded->map);
+    EXPECT_FALSE(kept->corruption.empty());
+    ExpectEqual(kept->set, loaded->set);
     const auto again = ReadMapFile(path_);
-    EXPECT_TRUE(again->damages.empty());
-    ExpectEqual(*again->map, *loaded->map);
+    EXPECT_TRUE(again->corruption.empty());
+    ExpectEqual(again->set, loaded->set);
   }
 }
 
@@ -349,20 +350,20 @@ TEST_F(DamagedPagesTest, WhatIsInTheLogBesideIsReadToo) {
   }
   const auto loaded = ReadMapFile(crashed);
   ASSERT_TRUE(loaded.ok()) << loaded.status();
-  EXPECT_EQ(ContentOf(loaded->map->layers[0].tiles), ContentOf(original_->layers[0].tiles));
+  EXPECT_EQ(ContentOf(loaded->set.layers[0].tiles), ContentOf(original_.layers[0].tiles));
   size_t deleted = 0;
-  for (const auto& [key, tile] : ContentOf(original_->layers[2].tiles)) {
+  for (const auto& [key, tile] : ContentOf(original_.layers[2].tiles)) {
     if (key.first == 2) ++deleted;
   }
   EXPECT_GT(deleted, 0u);
-  EXPECT_EQ(loaded->map->layers[2].tiles.size(), original_->layers[2].tiles.size() - deleted);
+  EXPECT_EQ(loaded->set.layers[2].tiles.size(), original_.layers[2].tiles.size() - deleted);
 }
 
 // What writes to a page that is damaged already finds out when it saves.
 TEST_F(DamagedPagesTest, DamageThatASaveFindsIsMendedFromTheMapInMemory) {
   Write(bytes_);
   auto file = MapFile::Open(path_);
-  ASSERT_TRUE(file->Load()->damages.empty());
+  ASSERT_TRUE(file->Load()->corruption.empty());
   {
     std::fstream damaged(path_, std::ios::in | std::ios::out | std::ios::binary);
     for (size_t page = 2; page < on_page_.size(); ++page) {
@@ -375,13 +376,13 @@ TEST_F(DamagedPagesTest, DamageThatASaveFindsIsMendedFromTheMapInMemory) {
   for (int n = 0; n < 50; ++n) {
     map_.layer(0).EditTile(RandomKey(random, 6)) = RandomTile(random, map_.options().limits);
   }
-  const auto problems = file->Save(*map_.Snapshot());
+  const auto problems = file->Save(map_.Layers());
   ASSERT_TRUE(problems.ok()) << problems.status();
   ASSERT_EQ(problems->size(), 1u);
   EXPECT_NE(problems->front().find("was kept as"), std::string::npos) << problems->front();
   const auto again = ReadMapFile(path_);
-  EXPECT_TRUE(again->damages.empty());
-  ExpectEqual(*again->map, *map_.Snapshot());
+  EXPECT_TRUE(again->corruption.empty());
+  ExpectEqual(again->set, map_.Layers());
 }
 
 }  // namespace splinemap::page_scan_test

@@ -5,11 +5,13 @@
 #include <cmath>
 #include <limits>
 
+#include "tests/support/map_writer.h"
+
 namespace splinemap::pixel_grid_test {
 
 // Touched from knot (-4, -2) to (10, 6), 0.1 m apart.
-std::shared_ptr<const MapSnapshot> Room() {
-  Map map({0.1, {}});
+std::shared_ptr<const MapView> Room() {
+  MapWriter map({0.1, {}});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   layer.BeginCommit();
   for (int j = -2; j <= 6; ++j) {
@@ -17,7 +19,7 @@ std::shared_ptr<const MapSnapshot> Room() {
       layer.EditTile(TileOf(i, j)).control_points[IndexInTile(i, j)] = -100;
     }
   }
-  return map.Snapshot();
+  return map.View();
 }
 
 TEST(PixelGridTest, AtTheKnotIntervalPixelsAreCentredOnTheTouchedControlPoints) {
@@ -90,11 +92,10 @@ TEST(PixelGridTest, HostileRegionsAndResolutionsAreRefused) {
 }
 
 TEST(PixelGridTest, AnEmptyMapHasPixelsOnlyInARegion) {
-  Map map({0.05, {}});
+  MapWriter map({0.05, {}});
   map.AddLayer({"robot", 1}, {1, 1});
-  EXPECT_TRUE(
-      absl::IsFailedPrecondition(GridOfRegion(*map.Snapshot(), std::nullopt, 0.05).status()));
-  EXPECT_TRUE(GridOfRegion(*map.Snapshot(), Region{0, 0, 1, 1}, 0.05).ok());
+  EXPECT_TRUE(absl::IsFailedPrecondition(GridOfRegion(*map.View(), std::nullopt, 0.05).status()));
+  EXPECT_TRUE(GridOfRegion(*map.View(), Region{0, 0, 1, 1}, 0.05).ok());
 }
 
 }  // namespace splinemap::pixel_grid_test

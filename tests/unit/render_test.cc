@@ -6,13 +6,14 @@
 
 #include "lib/render/raster.h"
 #include "lib/render/terminal.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/temporary_directory.h"
 
 namespace splinemap::render_test {
 
 // Free from knot (-4, -2) to (10, 6), with an occupied block around (5, 3).
-std::shared_ptr<const MapSnapshot> Room() {
-  Map map({0.1, {}});
+std::shared_ptr<const MapView> Room() {
+  MapWriter map({0.1, {}});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   layer.BeginCommit();
   for (int j = -2; j <= 6; ++j) {
@@ -21,7 +22,7 @@ std::shared_ptr<const MapSnapshot> Room() {
       layer.EditTile(TileOf(i, j)).control_points[IndexInTile(i, j)] = occupied ? 5000 : -5000;
     }
   }
-  return map.Snapshot();
+  return map.View();
 }
 
 TEST(RasterTest, CoversJustWhatWasTouched) {
@@ -58,9 +59,9 @@ TEST(RasterTest, FitsThePictureToASide) {
 }
 
 TEST(RasterTest, AnEmptyMapAndAHugePictureAreRefused) {
-  Map map({0.05, {}});
+  MapWriter map({0.05, {}});
   map.AddLayer({"robot", 1}, {1, 1});
-  EXPECT_TRUE(absl::IsFailedPrecondition(FittingGrid(*map.Snapshot(), 1).status()));
+  EXPECT_TRUE(absl::IsFailedPrecondition(FittingGrid(*map.View(), 1).status()));
   EXPECT_TRUE(absl::IsInvalidArgument(FittingGrid(*Room(), 1e5).status()));
 }
 

@@ -17,6 +17,7 @@
 #include "lib/store/map_file.h"
 #include "lib/wire/encode.h"
 #include "services/splinemapd/daemon.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/raw_message.h"
 #include "tests/support/temporary_directory.h"
 
@@ -203,8 +204,8 @@ Mapped ContentOf(const LayerSnapshot& layer) {
 // `look` is called after every message.
 Mapped MapOf(
     const Log& log, DropCounts& drops,
-    const std::function<void(Map&, Mapper&)>& look = [](Map&, Mapper&) {}) {
-  Map map(MapOptionsOf(ThreeScanners().method()));
+    const std::function<void(MapWriter&, Mapper&)>& look = [](MapWriter&, Mapper&) {}) {
+  MapWriter map(MapOptionsOf(ThreeScanners().method()));
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   Mapper mapper(ThreeScanners(), map.options(), layer);
   for (const Message& message : log) {
@@ -223,10 +224,10 @@ TEST(ReplayPropertyTest, WhoeverLooksOnChangesNothing) {
     Random random(seed);
     const Log log = SomeLog(random);
     const Mapped expected = MapOf(log, drops);
-    std::vector<std::shared_ptr<const MapSnapshot>> kept;
-    const Mapped watched = MapOf(log, drops, [&](Map& map, Mapper& mapper) {
-      if (Chance(random, 0.05)) kept.push_back(map.Snapshot());
-      if (Chance(random, 0.05)) mapper.TakeNotices();
+    std::vector<std::shared_ptr<const MapView>> kept;
+    const Mapped watched = MapOf(log, drops, [&](MapWriter& map, Mapper& mapper) {
+      if (Chance(random, 0.05)) kept.push_back(map.View());
+      if (Chance(random, 0.05)) mapper.DrainNotices();
       if (kept.size() > 10) kept.erase(kept.begin());
     });
     EXPECT_TRUE(watched == expected) << "seed " << seed;
@@ -287,8 +288,8 @@ TEST(ReplayPropertyTest, TheDaemonOnABusyMachineMapsTheSame) {
     }
     const auto saved = ReadMapFile(config.map());
     ASSERT_TRUE(saved.ok()) << saved.status();
-    ASSERT_EQ(saved->map->layers.size(), 1u);
-    EXPECT_TRUE(ContentOf(saved->map->layers[0]) == expected) << "seed " << seed;
+    ASSERT_EQ(saved->set.layers.size(), 1u);
+    EXPECT_TRUE(ContentOf(saved->set.layers[0]) == expected) << "seed " << seed;
   }
 }
 

@@ -6,17 +6,27 @@
 #include <algorithm>
 #include <map>
 #include <memory>
+#include <optional>
 #include <random>
 #include <vector>
 
 #include "absl/strings/escaping.h"
-#include "lib/map/levels_of_detail.h"
-#include "lib/map/map.h"
-#include "lib/map/tile_update.h"
-#include "lib/replication/identity_watch.h"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_listing_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_ref_t.hpp"
+#include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/node_listing_t.hpp"
+#include "lcmtypes/splinemap/settings_t.hpp"
+#include "lcmtypes/splinemap/tile_update_t.hpp"
+#include "lib/layers/layer_pyramid.h"
+#include "lib/replication/byte_budget.h"
 #include "lib/replication/layer_follower.h"
-#include "lib/replication/levels_publisher.h"
+#include "lib/replication/pyramid_publisher.h"
+#include "lib/replication/session_guard.h"
+#include "lib/tiles/tile_codec.h"
 #include "tests/support/lossy_network.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap::replication_test {
@@ -28,6 +38,13 @@ constexpr milliseconds kStep = Network::kStep;
 const LayerId kId{"robot", 7};
 const MapOptions kMapOptions{0.05, {}};
 const Clock::time_point kNow{std::chrono::hours(1)};
+
+// What a publisher sends where the budget does not matter.
+std::vector<ReplicationMessage> TickOf(PyramidPublisher& publisher, Clock::time_point now) {
+  ByteBudget budget(PublisherOptions().bytes_per_s);
+  budget.Refill(now, publisher.HasChanges(), publisher.HasPulls());
+  return publisher.Tick(now, budget);
+}
 
 // An owner with its map, and followers, on one network.
 class World {
@@ -42,32 +59,32 @@ class World {
   size_t num_followers() const { return followers_.size(); }
   LayerFollower& follower(size_t n) { return *followers_[n]; }
 
-  void AddFollower(LayerFollower::Part part = {}) {
-    parts_.push_back(part);
+  void AddFollower(LayerFollower::Subset subset = {}) {
+    subsets_.push_back(subset);
     followers_.push_back(nullptr);
     RestartFollower(followers_.size() - 1);
   }
   void RemoveFollowers() {
-    parts_.clear();
+    subsets_.clear();
     followers_.clear();
   }
   // Messages that are on their way to the one before are lost.
   void RestartFollower(size_t n) {
-    followers_[n] = std::make_shared<LayerFollower>(kId, random_(), parts_[n]);
+    followers_[n] = std::make_shared<LayerFollower>(kId, random_(), subsets_[n]);
   }
 
-  // Goes on from an older state, and knows no later life than that; or from an empty one.
+  // Goes on from an older state, and knows no later session than that; or from an empty one.
   void StartOwner(const LayerSnapshot* file) {
-    const uint64_t last = file == nullptr ? incarnation_ : file->epoch.incarnation;
-    const LayerEpoch epoch{last + 1, random_()};
-    incarnation_ = std::max(incarnation_, epoch.incarnation);
-    identity_ = {};
-    map_ = std::make_unique<Map>(kMapOptions);
-    layer_ = file == nullptr ? &map_->AddLayer(kId, epoch) : &map_->ContinueLayer(*file, epoch);
-    publisher_ = std::make_shared<LevelsPublisher>(layer_->Snapshot(), kMapOptions, options_);
+    const uint64_t last = file == nullptr ? session_number_ : file->session.number;
+    const SessionId session{last + 1, random_()};
+    session_number_ = std::max(session_number_, session.number);
+    guard_ = {};
+    map_ = std::make_unique<MapWriter>(kMapOptions);
+    layer_ = file == nullptr ? &map_->AddLayer(kId, session) : &map_->ContinueLayer(*file, session);
+    Publish();
   }
   LayerSnapshot OwnersLayer() { return layer_->Snapshot(); }
-  LevelsPublisher& publisher() { return *publisher_; }
+  PyramidPublisher& publisher() { return *publisher_; }
   void SilenceOwner(bool is_silent) { is_silent_ = is_silent; }
 
   // Some tiles within `half_width` of the origin.
@@ -105,9 +122,10 @@ class World {
     network_.Advance();
     digest_was_sent_ = false;
     if (!is_silent_) {
-      LookAtIdentity();
+      CheckSession();
       publisher_->SetLayer(layer_->Snapshot(), network_.now());
-      for (const PublishedMessage& message : publisher_->Tick(network_.now())) {
+      budget_->Refill(network_.now(), publisher_->HasChanges(), publisher_->HasPulls());
+      for (const ReplicationMessage& message : publisher_->Tick(network_.now(), *budget_)) {
         std::visit([&](const auto& m) { Broadcast(m); }, message);
       }
     }
@@ -121,32 +139,32 @@ class World {
     for (milliseconds passed(0); passed < duration; passed += kStep) Step();
   }
 
-  bool AllInSync() {
+  bool AllCaughtUp() {
     for (size_t n = 0; n < followers_.size(); ++n) {
-      if (!followers_[n]->in_sync() || !IsEqual(n)) return false;
+      if (!followers_[n]->caught_up() || !IsEqual(n)) return false;
     }
     return true;
   }
   // Bytes; and no tile claims to be of a later revision than the owner's.
   bool IsEqual(size_t n) {
-    const LayerFollower::Part& part = parts_[n];
+    const LayerFollower::Subset& subset = subsets_[n];
     const LayerSnapshot mapped = layer_->Snapshot();
     const LayerSnapshot copy = followers_[n]->Snapshot();
-    if (copy.epoch != mapped.epoch || copy.revision != mapped.revision) return false;
+    if (copy.session != mapped.session || copy.revision != mapped.revision) return false;
     LayerSnapshot owner = mapped;
-    if (part.detail.level > 0) {
-      LevelsOfDetail levels(part.detail.level);
+    if (subset.level_of_detail.level > 0) {
+      LayerPyramid levels(subset.level_of_detail.level);
       levels.Advance(mapped, 1'000'000);
-      owner = levels.Layer(part.detail);
+      owner = levels.Layer(subset.level_of_detail);
     }
     bool is_equal = true;
     size_t num_tiles = 0;
     owner.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-      if (part.box && !part.box->Contains(key)) return;
+      if (subset.box && !subset.box->Contains(key)) return;
       ++num_tiles;
       const Tile* tile = copy.tiles.Find(key);
       is_equal = is_equal && tile != nullptr && *tile == *entry.tile &&
-                 (part.detail.level > 0 || copy.tiles.RevisionOf(key) <= entry.revision);
+                 (subset.level_of_detail.level > 0 || copy.tiles.RevisionOf(key) <= entry.revision);
     });
     return is_equal && copy.tiles.size() == num_tiles;
   }
@@ -157,7 +175,7 @@ class World {
     tile.control_points.fill(value);
     const TileUpdate update = MakeTileUpdate(key, tile, revision);
     layer_updates_t updates;
-    updates.layer = ToMessage(OwnersLife());
+    updates.layer = ToMessage(OwnersSession());
     updates.num_tiles = 1;
     updates.tiles.resize(1);
     tile_update_t& message = updates.tiles[0];
@@ -168,16 +186,16 @@ class World {
     message.checksum = static_cast<int64_t>(update.checksum);
     message.content.assign(update.content.begin(), update.content.end());
     message.num_bytes = static_cast<int32_t>(message.content.size());
-    for (const auto& follower : followers_) follower->TakeUpdates(updates);
+    for (const auto& follower : followers_) follower->HandleUpdates(updates);
   }
   // A start of the owner that never was: without tiles, or with one of this hash that nobody has.
-  void ForgeDigest(uint64_t incarnation, int64_t hash = 0) {
+  void ForgeDigest(uint64_t session_number, int64_t hash = 0) {
     layer_digest_t digest = last_digest_;
-    digest.layer.incarnation = static_cast<int64_t>(incarnation);
+    digest.layer.session_number = static_cast<int64_t>(session_number);
     digest.num_tiles = hash == 0 ? 0 : 1;
     digest.hash = hash;
     digest.revision = 0;
-    for (const auto& follower : followers_) follower->TakeDigest(digest, network_.now());
+    for (const auto& follower : followers_) follower->HandleDigest(digest, network_.now());
   }
 
   // In the last step.
@@ -189,35 +207,41 @@ class World {
   int64_t tiles_sent() const { return tiles_sent_; }
 
  private:
-  LayerLife OwnersLife() const { return {layer_->id(), layer_->epoch(), {}}; }
-  void LookAtIdentity() {
-    const auto next = identity_.Next(OwnersLife(), network_.now(), random_());
+  LayerRef OwnersSession() const { return {layer_->id(), layer_->session(), {}}; }
+  void CheckSession() {
+    const auto next = guard_.Next(OwnersSession(), network_.now(), random_());
     if (!next) return;
     ASSERT_FALSE(next->is_other_layer);
-    layer_->BeginLife(next->life.id, next->life.epoch);
-    incarnation_ = std::max(incarnation_, next->life.epoch.incarnation);
-    publisher_ = std::make_shared<LevelsPublisher>(layer_->Snapshot(), kMapOptions, options_);
+    layer_->StartSession(next->ref.id, next->ref.session);
+    session_number_ = std::max(session_number_, next->ref.session.number);
+    Publish();
+  }
+  void Publish() {
+    publisher_ = std::make_shared<PyramidPublisher>(layer_->Snapshot(), kMapOptions, options_);
+    budget_.emplace(options_.bytes_per_s);
   }
   void Broadcast(const layer_updates_t& updates) {
     EXPECT_TRUE(updates.getEncodedSize() <= int(kMaxMessageBytes) || updates.num_tiles == 1);
     tiles_sent_ += updates.num_tiles;
-    ToFollowers(updates, [updates](LayerFollower& f, auto) { f.TakeUpdates(updates); });
+    ToFollowers(updates, [updates](LayerFollower& f, auto) { f.HandleUpdates(updates); });
   }
   void Broadcast(const layer_digest_t& digest) {
     digest_was_sent_ = true;
-    if (FromMessage(digest.layer).detail == Detail()) last_digest_ = digest;
-    ToFollowers(digest, [digest](LayerFollower& f, auto now) { f.TakeDigest(digest, now); });
+    if (FromMessage(digest.layer).level_of_detail == LevelOfDetail()) last_digest_ = digest;
+    ToFollowers(digest, [digest](LayerFollower& f, auto now) { f.HandleDigest(digest, now); });
   }
   void Broadcast(const layer_listing_t& listing) {
-    ToFollowers(listing, [listing](LayerFollower& f, auto now) { f.TakeListing(listing, now); });
+    ToFollowers(listing, [listing](LayerFollower& f, auto now) { f.HandleListing(listing, now); });
   }
-  template <typename Message, typename Take>
-  void ToFollowers(const Message& message, Take take) {
+  void Broadcast(const layer_pull_t&) { ADD_FAILURE() << "owners do not pull"; }
+  void Broadcast(const settings_t&) { ADD_FAILURE() << "publishers know no settings"; }
+  template <typename Message, typename Handle>
+  void ToFollowers(const Message& message, Handle handle) {
     bytes_sent_ += message.getEncodedSize();
     bytes_of_owner_ += message.getEncodedSize();
     for (const std::weak_ptr<LayerFollower> follower : followers_) {
-      network_.Send([this, follower, take] {
-        if (const auto there = follower.lock()) take(*there, network_.now());
+      network_.Send([this, follower, handle] {
+        if (const auto there = follower.lock()) handle(*there, network_.now());
       });
     }
   }
@@ -226,13 +250,13 @@ class World {
     network_.Send([this, pull, owner = std::weak_ptr(publisher_)] {
       const auto there = owner.lock();
       if (!there) return;
-      there->TakePull(pull, network_.now());
-      identity_.TakePull(FromMessage(pull.layer), OwnersLife(), network_.now());
+      there->HandlePull(pull, network_.now());
+      guard_.HandleKnown(FromMessage(pull.layer), OwnersSession(), network_.now());
     });
     for (const std::weak_ptr<LayerFollower> other : followers_) {
       if (other.lock().get() == asker) continue;
       network_.Send([this, pull, other] {
-        if (const auto there = other.lock()) there->TakePull(pull, network_.now());
+        if (const auto there = other.lock()) there->HandlePull(pull, network_.now());
       });
     }
   }
@@ -240,13 +264,14 @@ class World {
   Network network_;
   PublisherOptions options_;
   Random random_;
-  uint64_t incarnation_ = 0;
-  std::unique_ptr<Map> map_;
+  uint64_t session_number_ = 0;
+  std::unique_ptr<MapWriter> map_;
   Layer* layer_ = nullptr;
-  std::shared_ptr<LevelsPublisher> publisher_;
-  IdentityWatch identity_;
+  std::shared_ptr<PyramidPublisher> publisher_;
+  std::optional<ByteBudget> budget_;  // of it
+  SessionGuard guard_;
   bool is_silent_ = false;
-  std::vector<LayerFollower::Part> parts_;
+  std::vector<LayerFollower::Subset> subsets_;
   std::vector<std::shared_ptr<LayerFollower>> followers_;
   bool digest_was_sent_ = false;
   layer_digest_t last_digest_;
@@ -258,14 +283,16 @@ class World {
 // The example in bytes of lcmtypes/README.md.
 TEST(ReplicationTest, TheDocumentedUpdateIsRead) {
   const std::string message = absl::HexStringToBytes(
-      "e2c16869b750453f00000006726f626f740011223344556677880000000000000003"
-      "99aabbccddeeff00000000000001fffffffd00000009000000000000000100000000"
+      "b53cd98dd48a039599aabbccddeeff0000000006726f626f74001122334455667788"
+      "000000000000000399aabbccddeeff00000000000001fffffffd0000000900000000"
+      "0000000100000000"
       "00000000fa6a73deec14c5020000003a28b52ffd60000785010040d8ffe600e600e6"
       "007da8e0c7f08535111086ff3f3f06fbffdfffffeffffff7fffffbfffffdff7f83ff"
       "11ac4a553205");
   layer_updates_t updates;
   ASSERT_EQ(updates.decode(message.data(), 0, static_cast<int>(message.size())), message.size());
   layer_digest_t digest;
+  digest.speaker = updates.speaker;
   digest.layer = updates.layer;
   digest.protocol_version = kProtocolVersion;
   digest.state = 1;
@@ -278,10 +305,10 @@ TEST(ReplicationTest, TheDocumentedUpdateIsRead) {
   digest.min_control_point = -2560;
   digest.max_control_point = 2560;
   LayerFollower follower({"robot", 0x1122334455667788}, 1);
-  follower.TakeDigest(digest, Clock::now());
-  follower.TakeUpdates(updates);
+  follower.HandleDigest(digest, Clock::now());
+  follower.HandleUpdates(updates);
   follower.Tick(Clock::now());
-  EXPECT_TRUE(follower.is_equal());
+  EXPECT_TRUE(follower.matches_digest());
   const Tile* tile = follower.Snapshot().tiles.Find({-3, 9});
   ASSERT_NE(tile, nullptr);
   for (int k = 0; k < Tile::kSize; ++k) {
@@ -297,7 +324,7 @@ TEST(ReplicationTest, WithoutLossPushesAreEnough) {
     world.Run(milliseconds(100));
   }
   world.Run(milliseconds(1500));
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
   for (size_t n = 0; n < world.num_followers(); ++n) {
     EXPECT_EQ(world.follower(n).counts().asked_tiles, 0);
     EXPECT_EQ(world.follower(n).counts().unusable, 0);
@@ -312,7 +339,7 @@ TEST(ReplicationTest, NothingButTheDigestIsSentWhenNothingChanges) {
   const int64_t bytes = world.bytes_sent();
   world.Run(milliseconds(10'000));
   EXPECT_LE(world.bytes_sent() - bytes, 10 * 160);
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
 }
 
 TEST(ReplicationTest, ACommitThatLeavesTheTilesAsTheyWereIsNotPushed) {
@@ -324,7 +351,7 @@ TEST(ReplicationTest, ACommitThatLeavesTheTilesAsTheyWereIsNotPushed) {
   world.CommitAgain();
   world.Run(milliseconds(2000));
   EXPECT_EQ(world.tiles_sent() - tiles, 0);
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
 }
 
 TEST(ReplicationTest, ALateFollowerGetsTheWholeMap) {
@@ -336,11 +363,11 @@ TEST(ReplicationTest, ALateFollowerGetsTheWholeMap) {
   world.Run(milliseconds(2000));
   world.AddFollower();
   world.Run(milliseconds(4000));
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
 }
 
 // Changes of the same tiles do not end, and still a late follower has them all soon.
-TEST(ReplicationTest, ALateFollowerIsInSyncThoughChangesGoOn) {
+TEST(ReplicationTest, ALateFollowerIsCaughtUpThoughChangesGoOn) {
   World world({}, {}, 14);
   world.AddFollower();
   for (int n = 0; n < 60; ++n) {
@@ -352,7 +379,7 @@ TEST(ReplicationTest, ALateFollowerIsInSyncThoughChangesGoOn) {
   for (int n = 0; n < 200; ++n) {
     world.Commit(2);
     world.Run(milliseconds(60));
-    if (n % 20 == 19) equal_seconds += world.follower(1).is_equal() ? 1 : 0;
+    if (n % 20 == 19) equal_seconds += world.follower(1).matches_digest() ? 1 : 0;
   }
   EXPECT_GE(equal_seconds, 8);
 }
@@ -377,7 +404,7 @@ TEST(ReplicationTest, ALostPushIsMadeGoodByTheNextOne) {
   world.AddFollower();
   world.Commit(0);
   world.Run(milliseconds(2500));
-  ASSERT_TRUE(world.AllInSync());
+  ASSERT_TRUE(world.AllCaughtUp());
   // In step with the pushes, since the first lies just behind a digest.
   while (!world.DigestWasSent()) world.Step();
   for (int n = 0; n < 6; ++n) {
@@ -406,7 +433,8 @@ TEST(ReplicationTest, TheCapHoldsForPushesAndAnswers) {
       for (int k = 0; k < 20; ++k) world.Commit(100);
       world.Run(milliseconds(100));
     }
-    // Beside it the digest, heads of messages, and what is left of the quarter of a second before.
+    // Beside it the digest, headers of messages, and what is left of the quarter of a second
+    // before.
     EXPECT_LE(world.bytes_of_owner() - bytes, 1.5 * options.bytes_per_s);
   }
 }
@@ -414,9 +442,9 @@ TEST(ReplicationTest, TheCapHoldsForPushesAndAnswers) {
 TEST(ReplicationTest, TheOldestChangeIsPushedFirst) {
   PublisherOptions options;
   options.bytes_per_s = 1000;
-  Map map(kMapOptions);
+  MapWriter map(kMapOptions);
   Layer& layer = map.AddLayer(kId, {1, 1});
-  LevelsPublisher publisher(layer.Snapshot(), kMapOptions, options);
+  PyramidPublisher publisher(layer.Snapshot(), kMapOptions, options);
   Random random(18);
   Clock::time_point now{std::chrono::hours(1)};
   for (int32_t tx = 0; tx < 20; ++tx) {
@@ -425,8 +453,11 @@ TEST(ReplicationTest, TheOldestChangeIsPushedFirst) {
     publisher.SetLayer(layer.Snapshot(), now += milliseconds(1));
   }
   std::vector<int32_t> pushed;
+  ByteBudget budget(options.bytes_per_s);
   for (int n = 0; n < 1000 && pushed.size() < 20; ++n) {
-    for (const PublishedMessage& message : publisher.Tick(now += milliseconds(100))) {
+    now += milliseconds(100);
+    budget.Refill(now, publisher.HasChanges(), publisher.HasPulls());
+    for (const ReplicationMessage& message : publisher.Tick(now, budget)) {
       const auto* updates = std::get_if<layer_updates_t>(&message);
       if (updates == nullptr) continue;
       for (const tile_update_t& tile : updates->tiles) pushed.push_back(tile.tx);
@@ -441,7 +472,7 @@ TEST(ReplicationTest, ALossHeardByManyIsMendedOnce) {
   for (int n = 0; n < 32; ++n) world.AddFollower();
   world.Commit(10);
   world.Run(milliseconds(1500));
-  ASSERT_TRUE(world.AllInSync());
+  ASSERT_TRUE(world.AllCaughtUp());
   // One update gets lost for all.
   world.network().SetCut(true);
   world.Commit(10);
@@ -449,7 +480,7 @@ TEST(ReplicationTest, ALossHeardByManyIsMendedOnce) {
   world.network().SetCut(false);
   const int64_t tiles = world.tiles_sent();
   world.Run(milliseconds(4000));
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
   int64_t asked = 0;
   for (size_t n = 0; n < world.num_followers(); ++n)
     asked += world.follower(n).counts().asked_tiles;
@@ -462,7 +493,7 @@ TEST(ReplicationTest, AnOwnerThatStartsAgainFromItsFileSendsNothingAgain) {
   world.AddFollower();
   for (int n = 0; n < 50; ++n) world.Commit(10);
   world.Run(milliseconds(3000));
-  ASSERT_TRUE(world.AllInSync());
+  ASSERT_TRUE(world.AllCaughtUp());
   const LayerSnapshot file = world.OwnersLayer();
   const LayerSnapshot before = world.follower(0).Snapshot();
   const int64_t tiles = world.tiles_sent();
@@ -472,99 +503,99 @@ TEST(ReplicationTest, AnOwnerThatStartsAgainFromItsFileSendsNothingAgain) {
     // What is shown never is less than the map.
     ASSERT_EQ(world.follower(0).Snapshot().tiles.size(), before.tiles.size());
   }
-  EXPECT_TRUE(world.AllInSync());
-  EXPECT_EQ(world.follower(0).Snapshot().epoch.incarnation, 2u);
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.follower(0).Snapshot().session.number, 2u);
   EXPECT_EQ(world.tiles_sent() - tiles, 0);
 }
 
-TEST(ReplicationTest, AnOwnerWithAnOlderFileIsToldOfItsLaterLife) {
+TEST(ReplicationTest, AnOwnerWithAnOlderFileIsToldOfItsLaterSession) {
   World world({}, {}, 13);
   for (int n = 0; n < 32; ++n) world.AddFollower();
   world.Commit(10);
-  const LayerSnapshot file = world.OwnersLayer();  // of life 1
-  for (int life = 2; life <= 5; ++life) {
+  const LayerSnapshot file = world.OwnersLayer();  // of session 1
+  for (int session = 2; session <= 5; ++session) {
     const LayerSnapshot newest = world.OwnersLayer();
     world.StartOwner(&newest);
     world.Commit(10);
     world.Run(milliseconds(3500));
   }
-  ASSERT_TRUE(world.AllInSync());
-  world.StartOwner(&file);  // life 2
+  ASSERT_TRUE(world.AllCaughtUp());
+  world.StartOwner(&file);  // session 2
   world.Commit(10);
   world.Run(milliseconds(20'000));
-  EXPECT_TRUE(world.AllInSync());
-  EXPECT_EQ(world.OwnersLayer().epoch.incarnation, 6u);
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.OwnersLayer().session.number, 6u);
 }
 
-TEST(IdentityWatchTest, OfTwoOwnersTheOneInTheLesserLifeBecomesAnotherLayer) {
-  const LayerLife lesser{kId, {3, 5}, {}};
-  const LayerLife greater{kId, {3, 6}, {}};
-  IdentityWatch of_lesser;
-  of_lesser.TakeDigest(greater, lesser, kNow);
+TEST(SessionGuardTest, OfTwoOwnersTheOneInTheLesserSessionBecomesAnotherLayer) {
+  const LayerRef lesser{kId, {3, 5}, {}};
+  const LayerRef greater{kId, {3, 6}, {}};
+  SessionGuard of_lesser;
+  of_lesser.HandleDigest(greater, lesser, kNow);
   EXPECT_FALSE(of_lesser.Next(lesser, kNow, 42)) << "one message may be a mistake";
-  of_lesser.TakeDigest(greater, lesser, kNow + milliseconds(1000));
-  of_lesser.TakeDigest(greater, lesser, kNow + milliseconds(2000));
+  of_lesser.HandleDigest(greater, lesser, kNow + milliseconds(1000));
+  of_lesser.HandleDigest(greater, lesser, kNow + milliseconds(2000));
   const auto next = of_lesser.Next(lesser, kNow + milliseconds(2000), 42);
   ASSERT_TRUE(next);
   EXPECT_TRUE(next->is_other_layer);
-  EXPECT_EQ(next->life.id, (LayerId{"robot", 42}));
-  EXPECT_FALSE(of_lesser.Next(next->life, kNow + milliseconds(2000), 43));
+  EXPECT_EQ(next->ref.id, (LayerId{"robot", 42}));
+  EXPECT_FALSE(of_lesser.Next(next->ref, kNow + milliseconds(2000), 43));
 
-  IdentityWatch of_greater;
+  SessionGuard of_greater;
   for (milliseconds t(0); t < milliseconds(10'000); t += milliseconds(500)) {
-    of_greater.TakeDigest(lesser, greater, kNow + t);
-    of_greater.TakeDigest(greater, greater, kNow + t);
-    of_greater.TakeDigest({{"other", 7}, {99, 0}, {}}, greater, kNow + t);
-    of_greater.TakePull(lesser, greater, kNow + t);
+    of_greater.HandleDigest(lesser, greater, kNow + t);
+    of_greater.HandleDigest(greater, greater, kNow + t);
+    of_greater.HandleDigest({{"other", 7}, {99, 0}, {}}, greater, kNow + t);
+    of_greater.HandleKnown(lesser, greater, kNow + t);
     EXPECT_FALSE(of_greater.Next(greater, kNow + t, 42));
   }
 }
 
-TEST(IdentityWatchTest, OneForgedDigestOrPullChangesNothing) {
-  const LayerLife own{kId, {3, 5}, {}};
-  const LayerLife later{kId, {9, 6}, {}};
-  IdentityWatch watch;
-  watch.TakeDigest(later, own, kNow);
-  watch.TakePull(later, own, kNow);
+TEST(SessionGuardTest, OneForgedDigestOrPullChangesNothing) {
+  const LayerRef own{kId, {3, 5}, {}};
+  const LayerRef later{kId, {9, 6}, {}};
+  SessionGuard guard;
+  guard.HandleDigest(later, own, kNow);
+  guard.HandleKnown(later, own, kNow);
   for (milliseconds t(0); t < milliseconds(20'000); t += milliseconds(500)) {
-    EXPECT_FALSE(watch.Next(own, kNow + t, 42));
+    EXPECT_FALSE(guard.Next(own, kNow + t, 42));
   }
   // Nor does one every now and then.
-  watch.TakeDigest(later, own, kNow + milliseconds(21'000));
-  watch.TakePull(later, own, kNow + milliseconds(21'000));
-  EXPECT_FALSE(watch.Next(own, kNow + milliseconds(21'000), 42));
+  guard.HandleDigest(later, own, kNow + milliseconds(21'000));
+  guard.HandleKnown(later, own, kNow + milliseconds(21'000));
+  EXPECT_FALSE(guard.Next(own, kNow + milliseconds(21'000), 42));
 }
 
-// Who asks for a later life may have it from an owner that is there.
-TEST(IdentityWatchTest, AFollowersWordCountsOnlyWhileNoOtherOwnerIsHeard) {
-  const LayerLife own{kId, {3, 5}, {}};
-  const LayerLife later{kId, {9, 6}, {}};
-  IdentityWatch watch;
-  IdentityWatch other_is_there;
+// Who asks for a later session may have it from an owner that is there.
+TEST(SessionGuardTest, AFollowersWordCountsOnlyWhileNoOtherOwnerIsHeard) {
+  const LayerRef own{kId, {3, 5}, {}};
+  const LayerRef later{kId, {9, 6}, {}};
+  SessionGuard guard;
+  SessionGuard other_is_there;
   for (milliseconds t(0); t <= milliseconds(5000); t += milliseconds(1000)) {
-    watch.TakePull(later, own, kNow + t);
-    EXPECT_EQ(watch.Next(own, kNow + t, 42).has_value(), t == milliseconds(5000));
+    guard.HandleKnown(later, own, kNow + t);
+    EXPECT_EQ(guard.Next(own, kNow + t, 42).has_value(), t == milliseconds(5000));
     if (t > milliseconds(2000)) continue;
-    other_is_there.TakePull(later, own, kNow + t);
-    other_is_there.TakeDigest(later, own, kNow + t);
+    other_is_there.HandleKnown(later, own, kNow + t);
+    other_is_there.HandleDigest(later, own, kNow + t);
   }
   EXPECT_TRUE(other_is_there.Next(own, kNow + milliseconds(2500), 42)->is_other_layer);
-  const auto next = watch.Next(own, kNow + milliseconds(5000), 42);
+  const auto next = guard.Next(own, kNow + milliseconds(5000), 42);
   ASSERT_TRUE(next);
   EXPECT_FALSE(next->is_other_layer);
-  EXPECT_EQ(next->life, (LayerLife{kId, {10, 42}, {}}));
+  EXPECT_EQ(next->ref, (LayerRef{kId, {10, 5}, {}}));
 }
 
-TEST(IdentityWatchTest, AfterAStartThatNobodyCountsToComesAnotherLayer) {
-  const LayerLife own{kId, {3, 5}, {}};
-  IdentityWatch watch;
+TEST(SessionGuardTest, AfterAStartThatNobodyCountsToComesAnotherLayer) {
+  const LayerRef own{kId, {3, 5}, {}};
+  SessionGuard guard;
   for (milliseconds t(0); t <= milliseconds(5000); t += milliseconds(1000)) {
-    watch.TakePull({kId, {4 + LayerControl::kMaxStartsAhead, 6}, {}}, own, kNow + t);
+    guard.HandleKnown({kId, {4 + LayerSettings::kMaxSessionsAhead, 6}, {}}, own, kNow + t);
   }
-  const auto next = watch.Next(own, kNow + milliseconds(5000), 42);
+  const auto next = guard.Next(own, kNow + milliseconds(5000), 42);
   ASSERT_TRUE(next);
   EXPECT_TRUE(next->is_other_layer);
-  EXPECT_EQ(next->life.epoch.incarnation, 1u);
+  EXPECT_EQ(next->ref.session.number, 1u);
 }
 
 // Tiles with valid checksums in the name of the owner, which it never had: changed ones, new ones,
@@ -573,14 +604,14 @@ TEST(ReplicationTest, ForgedTilesAreFoundAndFetchedAnew) {
   World world({}, {}, 21);
   world.AddFollower();
   world.AddFollower({{}, TileBox{-4, -4, 4, 4}});
-  world.AddFollower({{2, Band::kMax}, {}});
+  world.AddFollower({{2, Statistic::kMax}, {}});
   for (int n = 0; n < 20; ++n) {
     world.Commit(6);
     world.Run(milliseconds(100));
   }
   world.SetTile({0, 0}, 77);
   world.Run(milliseconds(3000));
-  ASSERT_TRUE(world.AllInSync());
+  ASSERT_TRUE(world.AllCaughtUp());
   const uint64_t revision = world.OwnersLayer().revision;
   int64_t forged = 0;
   for (const TileKey key : {TileKey{0, 0}, TileKey{1, -3}, TileKey{2, 900}, TileKey{90'000, -7}}) {
@@ -588,8 +619,8 @@ TEST(ReplicationTest, ForgedTilesAreFoundAndFetchedAnew) {
       world.Forge(key, claimed, 500);
       world.Run(milliseconds(5000));
       for (size_t n = 0; n < 3; ++n)
-        EXPECT_TRUE(world.follower(n).in_sync() && world.IsEqual(n))
-            << n << " " << world.follower(n).in_sync() << world.IsEqual(n) << " "
+        EXPECT_TRUE(world.follower(n).caught_up() && world.IsEqual(n))
+            << n << " " << world.follower(n).caught_up() << world.IsEqual(n) << " "
             << world.follower(n).Snapshot().revision << " " << key.tx << " " << key.ty << " "
             << claimed;
       EXPECT_EQ(world.follower(0).Snapshot().revision, revision);
@@ -611,7 +642,7 @@ TEST(ReplicationTest, AForgedTileIsFoundWhileTheOwnerGoesOnMapping) {
   }
   EXPECT_EQ(world.follower(0).Snapshot().tiles.Find({30, 30}), nullptr);
   world.Run(milliseconds(5000));
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
 }
 
 TEST(ReplicationTest, TilesThatCannotBeAreRefusedOnArrival) {
@@ -626,7 +657,7 @@ TEST(ReplicationTest, TilesThatCannotBeAreRefusedOnArrival) {
   world.Forge({5, 5}, 0, 5);
   world.Forge({(1 << 23) + 1, 0}, revision + 1, 5);
   EXPECT_EQ(world.follower(0).counts().unusable, 5);
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
 }
 
 TEST(ReplicationTest, WhatComesAfterTheLastDigestOfAnOwnerThatIsGoneIsDropped) {
@@ -634,7 +665,7 @@ TEST(ReplicationTest, WhatComesAfterTheLastDigestOfAnOwnerThatIsGoneIsDropped) {
   world.AddFollower();
   world.Commit(5);
   world.Run(milliseconds(3000));
-  ASSERT_TRUE(world.AllInSync());
+  ASSERT_TRUE(world.AllCaughtUp());
   world.SilenceOwner(true);
   const uint64_t revision = world.OwnersLayer().revision;
   world.Forge({0, 0}, revision + 1, 500);
@@ -645,7 +676,7 @@ TEST(ReplicationTest, WhatComesAfterTheLastDigestOfAnOwnerThatIsGoneIsDropped) {
   EXPECT_TRUE(world.IsEqual(0));
 }
 
-// A life without content would be whole at once.
+// A session without content would be whole at once.
 TEST(ReplicationTest, OneForgedDigestDoesNotReplaceALayer) {
   World world({}, {}, 25);
   world.AddFollower();
@@ -656,8 +687,8 @@ TEST(ReplicationTest, OneForgedDigestDoesNotReplaceALayer) {
     world.Run(milliseconds(100));
     EXPECT_TRUE(world.IsEqual(0));
   }
-  EXPECT_TRUE(world.AllInSync());
-  EXPECT_EQ(world.OwnersLayer().epoch.incarnation, 1u) << "the owner need not begin another life";
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.OwnersLayer().session.number, 1u) << "the owner need not begin another session";
   // Nor while the owner is away.
   world.SilenceOwner(true);
   world.ForgeDigest(5);
@@ -673,16 +704,16 @@ TEST(ReplicationTest, ADigestOfAForgedStateHidesTheOwnersForSecondsOnly) {
   layer_digest_t digest = world.last_digest();
   digest.state += int64_t{1} << 40;
   digest.hash = 99;
-  world.follower(0).TakeDigest(digest, world.network().now());
+  world.follower(0).HandleDigest(digest, world.network().now());
   for (int n = 0; n < 5; ++n) {
     world.Commit(5);
     world.Run(milliseconds(1000));
   }
   world.Run(milliseconds(1500));
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
 }
 
-TEST(ReplicationTest, ALifeThatNobodyHasIsGivenUpForTheOneBeforeThoughItWasSpokenOfForLong) {
+TEST(ReplicationTest, ASessionThatNobodyHasIsGivenUpForTheOneBeforeThoughItWasSpokenOfForLong) {
   World world({}, {}, 28);
   world.AddFollower();
   world.Commit(5);
@@ -692,11 +723,11 @@ TEST(ReplicationTest, ALifeThatNobodyHasIsGivenUpForTheOneBeforeThoughItWasSpoke
     world.ForgeDigest(5, 99);
     world.Run(milliseconds(1000));
   }
-  EXPECT_EQ(world.follower(0).epoch().incarnation, 5u);
+  EXPECT_EQ(world.follower(0).session().number, 5u);
   EXPECT_TRUE(world.IsEqual(0)) << "what was there is shown";
   world.Run(milliseconds(12'000));
-  EXPECT_EQ(world.follower(0).epoch().incarnation, 1u);
-  EXPECT_FALSE(world.follower(0).ShowsPreviousLife());
+  EXPECT_EQ(world.follower(0).session().number, 1u);
+  EXPECT_FALSE(world.follower(0).ShowsPreviousSession());
   EXPECT_TRUE(world.IsEqual(0));
 }
 
@@ -707,86 +738,87 @@ TEST(ReplicationTest, AForgedDigestThatComesFirstIsForgottenForTheOwners) {
   world.AddFollower();
   world.ForgeDigest(5);
   world.Run(milliseconds(8000));
-  EXPECT_TRUE(world.AllInSync());
-  EXPECT_EQ(world.OwnersLayer().epoch.incarnation, 1u);
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.OwnersLayer().session.number, 1u);
 }
 
-TEST(ReplicationTest, APullOfAnotherLifeIsNotAnswered) {
+TEST(ReplicationTest, APullOfAnotherSessionIsNotAnswered) {
   World world({}, {}, 20);
   world.Commit(5);
   world.Run(milliseconds(2000));
   const int64_t bytes = world.bytes_of_owner();
-  const LayerEpoch epoch = world.OwnersLayer().epoch;
-  for (const LayerLife& other :
-       {LayerLife{kId, {epoch.incarnation + 1, 0}, {}}, LayerLife{{"other", 7}, epoch, {}},
-        LayerLife{kId, epoch, {9, Band::kValue}}}) {
+  const SessionId session = world.OwnersLayer().session;
+  for (const LayerRef& other :
+       {LayerRef{kId, {session.number + 1, 0}, {}}, LayerRef{{"other", 7}, session, {}},
+        LayerRef{kId, session, {9, Statistic::kMean}}}) {
     layer_pull_t pull;
     pull.layer = ToMessage(other);
     pull.levels = {1};
     pull.xs = {0};
     pull.ys = {0};
     pull.num_nodes = 1;
-    world.publisher().TakePull(pull, world.network().now());
+    world.publisher().HandlePull(pull, world.network().now());
   }
   world.Run(milliseconds(500));
   EXPECT_EQ(world.publisher().foreign_pulls(), 3);
   EXPECT_LE(world.bytes_of_owner() - bytes, 160);  // a digest at most
 }
 
-TEST(ReplicationTest, AnOlderLifeIsIgnored) {
+TEST(ReplicationTest, AnOlderSessionIsIgnored) {
   World world({}, {}, 6);
   world.AddFollower();
   world.Commit(5);
   world.Run(milliseconds(2000));
   layer_digest_t old;
+  old.speaker = 99;
   old.layer = ToMessage({kId, {0, 99}, {}});
   old.protocol_version = kProtocolVersion;
-  world.follower(0).TakeDigest(old, world.network().now());
-  EXPECT_TRUE(world.AllInSync());
+  world.follower(0).HandleDigest(old, world.network().now());
+  EXPECT_TRUE(world.AllCaughtUp());
   EXPECT_EQ(world.follower(0).counts().stale, 1);
 }
 
 TEST(ReplicationTest, AnUpdateThatComesLateDoesNotReplaceANewerTile) {
-  Map map(kMapOptions);
+  MapWriter map(kMapOptions);
   Layer& layer = map.AddLayer(kId, {1, 1});
   const auto updates_of = [&](ControlPoint value) {
     layer.BeginCommit();
     layer.EditTile({0, 0}).control_points[0] = value;
-    LevelsPublisher publisher({kId, {1, 1}, 0, {}}, kMapOptions, {});
+    PyramidPublisher publisher({kId, {1, 1}, 0, {}}, kMapOptions, {});
     publisher.SetLayer(layer.Snapshot(), Clock::now());
-    return publisher.Tick(Clock::now());  // a digest, and the tile
+    return TickOf(publisher, Clock::now());  // a digest, and the tile
   };
   const auto older = updates_of(4);
   const auto newer = updates_of(5);
   LayerFollower follower(kId, 1);
-  follower.TakeDigest(std::get<layer_digest_t>(older.at(0)), Clock::now());
-  follower.TakeUpdates(std::get<layer_updates_t>(newer.at(1)));
-  follower.TakeUpdates(std::get<layer_updates_t>(older.at(1)));
+  follower.HandleDigest(std::get<layer_digest_t>(older.at(0)), Clock::now());
+  follower.HandleUpdates(std::get<layer_updates_t>(newer.at(1)));
+  follower.HandleUpdates(std::get<layer_updates_t>(older.at(1)));
   EXPECT_EQ(follower.Snapshot().tiles.Find({0, 0})->control_points[0], 5);
   EXPECT_EQ(follower.counts().stale, 1);
 }
 
-// What overtakes the first digest of a later life is none of the present one.
-TEST(ReplicationTest, LivesBeginWithADigest) {
-  Map map(kMapOptions);
+// What overtakes the first digest of a later session is none of the present one.
+TEST(ReplicationTest, SessionsBeginWithADigest) {
+  MapWriter map(kMapOptions);
   Layer& layer = map.AddLayer(kId, {1, 1});
   layer.BeginCommit();
   layer.EditTile({0, 0}).control_points[0] = 4;
-  const auto messages_of = [&](LayerEpoch epoch) {
-    LevelsPublisher publisher({kId, epoch, 0, {}}, kMapOptions, {});
+  const auto messages_of = [&](SessionId session) {
+    PyramidPublisher publisher({kId, session, 0, {}}, kMapOptions, {});
     publisher.SetLayer(layer.Snapshot(), Clock::now());
-    return publisher.Tick(Clock::now());  // a digest, and the tile
+    return TickOf(publisher, Clock::now());  // a digest, and the tile
   };
   const auto present = messages_of({1, 1});
   layer.BeginCommit();
   layer.EditTile({0, 0}).control_points[0] = 5;
   const auto later = messages_of({2, 1});
   LayerFollower follower(kId, 1);
-  follower.TakeUpdates(std::get<layer_updates_t>(present.at(1)));
+  follower.HandleUpdates(std::get<layer_updates_t>(present.at(1)));
   EXPECT_EQ(follower.Snapshot().tiles.size(), 0u);
-  follower.TakeDigest(std::get<layer_digest_t>(present.at(0)), Clock::now());
-  follower.TakeUpdates(std::get<layer_updates_t>(present.at(1)));
-  follower.TakeUpdates(std::get<layer_updates_t>(later.at(1)));
+  follower.HandleDigest(std::get<layer_digest_t>(present.at(0)), Clock::now());
+  follower.HandleUpdates(std::get<layer_updates_t>(present.at(1)));
+  follower.HandleUpdates(std::get<layer_updates_t>(later.at(1)));
   EXPECT_EQ(follower.Snapshot().tiles.Find({0, 0})->control_points[0], 4);
 }
 
@@ -794,6 +826,7 @@ TEST(ReplicationTest, LivesBeginWithADigest) {
 TEST(ReplicationTest, AnOwnerWhoseClockIsSetBackIsFollowedOn) {
   LayerFollower follower(kId, 1);
   layer_digest_t digest;
+  digest.speaker = 1;
   digest.layer = ToMessage({kId, {1, 1}, {}});
   digest.protocol_version = kProtocolVersion;
   digest.state = 3;
@@ -804,13 +837,13 @@ TEST(ReplicationTest, AnOwnerWhoseClockIsSetBackIsFollowedOn) {
   digest.lag_s = 0;
   const Clock::time_point begin = Clock::now();
   digest.utime = 1'000'000'000;
-  follower.TakeDigest(digest, begin);
-  ASSERT_TRUE(follower.in_sync());
+  follower.HandleDigest(digest, begin);
+  ASSERT_TRUE(follower.caught_up());
   digest.utime -= 500'000;
-  follower.TakeDigest(digest, begin + milliseconds(100));
+  follower.HandleDigest(digest, begin + milliseconds(100));
   EXPECT_EQ(follower.counts().stale, 1);
   digest.utime -= 3'600'000'000;
-  follower.TakeDigest(digest, begin + milliseconds(1000));
+  follower.HandleDigest(digest, begin + milliseconds(1000));
   EXPECT_EQ(follower.counts().stale, 1);
   EXPECT_EQ(follower.last_match(), begin + milliseconds(1000));
 }
@@ -818,11 +851,12 @@ TEST(ReplicationTest, AnOwnerWhoseClockIsSetBackIsFollowedOn) {
 TEST(ReplicationTest, AnotherVersionIsNotFollowed) {
   LayerFollower follower(kId, 1);
   layer_digest_t digest;
+  digest.speaker = 1;
   digest.layer = ToMessage({kId, {1, 1}, {}});
   digest.protocol_version = kProtocolVersion + 1;
-  follower.TakeDigest(digest, Clock::now());
+  follower.HandleDigest(digest, Clock::now());
   EXPECT_EQ(follower.counts().foreign, 1);
-  EXPECT_FALSE(follower.in_sync());
+  EXPECT_FALSE(follower.caught_up());
 }
 
 // A map that is large for the rate, a follower that comes late, and commits that go on.
@@ -833,7 +867,7 @@ TEST(ReplicationTest, AnswersDoNotStarvePushes) {
   world.AddFollower();
   for (int n = 0; n < 400; ++n) world.Commit(100);
   world.Run(milliseconds(30'000));
-  ASSERT_TRUE(world.AllInSync());
+  ASSERT_TRUE(world.AllCaughtUp());
   world.AddFollower();
   world.Run(milliseconds(1500));
   for (int n = 0; n < 10; ++n) {
@@ -844,7 +878,7 @@ TEST(ReplicationTest, AnswersDoNotStarvePushes) {
   EXPECT_TRUE(world.IsEqual(0));
   EXPECT_FALSE(world.IsEqual(1));
   world.Run(milliseconds(60'000));
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
 }
 
 TEST(ReplicationTest, NodesThatCannotBeAreNoTrouble) {
@@ -852,19 +886,19 @@ TEST(ReplicationTest, NodesThatCannotBeAreNoTrouble) {
   world.AddFollower();
   world.Commit(5);
   world.Run(milliseconds(2500));
-  const layer_epoch_t layer = ToMessage({kId, world.OwnersLayer().epoch, {}});
+  const layer_ref_t layer = ToMessage({kId, world.OwnersLayer().session, {}});
   layer_pull_t pull;
   pull.layer = layer;
   pull.levels = {1, 1, 8, 9, -1, 0};
   pull.xs = {INT32_MAX, INT32_MIN, 5, 0, 0, INT32_MAX};
   pull.ys = {0, INT32_MIN, -7, 0, 0, 0};
   pull.num_nodes = 6;
-  world.publisher().TakePull(pull, world.network().now());
+  world.publisher().HandlePull(pull, world.network().now());
   // A digest that does not fit, and a listing of a tile that the owner does not have.
   layer_digest_t digest = world.last_digest();
   digest.utime += 1;
   digest.hash = 12345;
-  world.follower(0).TakeDigest(digest, world.network().now());
+  world.follower(0).HandleDigest(digest, world.network().now());
   layer_listing_t listing;
   listing.layer = layer;
   listing.state = INT64_MAX;
@@ -880,7 +914,7 @@ TEST(ReplicationTest, NodesThatCannotBeAreNoTrouble) {
     listing.nodes.push_back(node);
   }
   listing.num_nodes = static_cast<int32_t>(listing.nodes.size());
-  world.follower(0).TakeListing(listing, world.network().now());
+  world.follower(0).HandleListing(listing, world.network().now());
   world.Run(milliseconds(300));
   // The tile is asked for in vain; what gets lost now is mended all the same.
   world.network().SetCut(true);
@@ -888,20 +922,20 @@ TEST(ReplicationTest, NodesThatCannotBeAreNoTrouble) {
   world.Run(milliseconds(140));
   world.network().SetCut(false);
   world.Run(milliseconds(40'000));
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
 }
 
-// The followers of a part are in sync with it, and ask for little else.
+// The followers of a part catch up with it, and ask for little else.
 TEST(ReplicationTest, APartCostsWhatItHolds) {
   World world({}, {}, 10);
   for (int n = 0; n < 500; ++n) world.Commit(60);
   world.Run(milliseconds(10'000));
-  LayerFollower::Part part;
-  part.box = TileBox{-3, -5, 6, 7};
+  LayerFollower::Subset subset;
+  subset.box = TileBox{-3, -5, 6, 7};
   const int64_t tiles = world.tiles_sent();
-  world.AddFollower(part);
+  world.AddFollower(subset);
   world.Run(milliseconds(3000));
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
   EXPECT_LE(world.tiles_sent() - tiles, 9 * 12);
   EXPECT_LT(world.follower(0).counts().asked_nodes, 20);
   // Changes elsewhere cost the listings down to where it ends, and changes in it are pushed.
@@ -909,45 +943,45 @@ TEST(ReplicationTest, APartCostsWhatItHolds) {
   for (int n = 0; n < 100; ++n) {
     world.Commit(60);
     world.Run(milliseconds(100));
-    EXPECT_TRUE(world.follower(0).in_sync());
+    EXPECT_TRUE(world.follower(0).caught_up());
   }
   world.Run(milliseconds(1500));
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
   EXPECT_LE(world.follower(0).counts().asked_nodes - asked_nodes, 11 * 12);
   EXPECT_LE(world.follower(0).counts().asked_tiles, 9 * 12);
   // While nothing changes it asks for nothing.
   const int64_t bytes = world.bytes_sent();
   world.Run(milliseconds(10'000));
   EXPECT_LE(world.bytes_sent() - bytes, 10 * 160);
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
 }
 
 TEST(ReplicationTest, LossesInAPartAreNoticedAndMended) {
   World world({}, {}, 11);
-  LayerFollower::Part part;
-  part.box = TileBox{0, 0, 3, 3};
-  world.AddFollower(part);
+  LayerFollower::Subset subset;
+  subset.box = TileBox{0, 0, 3, 3};
+  world.AddFollower(subset);
   for (int n = 0; n < 50; ++n) world.Commit(3);
   world.Run(milliseconds(3000));
-  ASSERT_TRUE(world.AllInSync());
+  ASSERT_TRUE(world.AllCaughtUp());
   world.network().SetCut(true);
   for (int n = 0; n < 10; ++n) world.Commit(3);
   world.Run(milliseconds(200));
   world.network().SetCut(false);
-  EXPECT_FALSE(world.AllInSync());
+  EXPECT_FALSE(world.AllCaughtUp());
   world.Run(milliseconds(3000));
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
 }
 
 // A hash that comes back says nothing of tiles that have changed meanwhile.
 TEST(ReplicationTest, APartThatGoesBackToAnOlderStateIsNotTakenForEqual) {
   World world({}, {}, 21);
-  LayerFollower::Part part;
-  part.box = TileBox{0, 0, 3, 3};
-  world.AddFollower(part);
+  LayerFollower::Subset subset;
+  subset.box = TileBox{0, 0, 3, 3};
+  world.AddFollower(subset);
   world.SetTile({1, 1}, 5);
   world.Run(milliseconds(4000));
-  ASSERT_TRUE(world.AllInSync());
+  ASSERT_TRUE(world.AllCaughtUp());
   for (const bool is_digested : {false, true}) {
     world.SetTile({1, 1}, 6);
     world.Run(milliseconds(is_digested ? 4000 : 120));
@@ -956,33 +990,33 @@ TEST(ReplicationTest, APartThatGoesBackToAnOlderStateIsNotTakenForEqual) {
     world.Run(milliseconds(120));
     world.network().SetCut(false);
     world.Run(milliseconds(4000));
-    EXPECT_TRUE(world.AllInSync()) << is_digested;
+    EXPECT_TRUE(world.AllCaughtUp()) << is_digested;
   }
 }
 
 // More tiles than it asks for at a time.
-TEST(ReplicationTest, AFollowerOfMuchIsInSyncOnlyWhenAllIsThere) {
+TEST(ReplicationTest, AFollowerOfMuchIsCaughtUpOnlyWhenAllIsThere) {
   PublisherOptions options;
   options.bytes_per_s = 1e8;
   World world({}, options, 22);
   world.Fill(210);  // 44,100 tiles
   const LayerSnapshot file = world.OwnersLayer();
   world.StartOwner(&file);
-  LayerFollower::Part part;
-  part.box = TileBox{0, 0, 205, 210};
-  world.AddFollower(part);
-  for (int second = 0; second < 300 && !world.follower(0).in_sync(); ++second) {
+  LayerFollower::Subset subset;
+  subset.box = TileBox{0, 0, 205, 210};
+  world.AddFollower(subset);
+  for (int second = 0; second < 300 && !world.follower(0).caught_up(); ++second) {
     world.Run(milliseconds(1000));
   }
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
 }
 
 TEST(ReplicationTest, AListingOfBeforeTheDigestDoesNotSatisfyIt) {
-  Map map(kMapOptions);
+  MapWriter map(kMapOptions);
   Layer& layer = map.AddLayer(kId, {1, 1});
   layer.BeginCommit();
   layer.EditTile({0, 0}).control_points[0] = 4;
-  LevelsPublisher publisher(layer.Snapshot(), kMapOptions, {});
+  PyramidPublisher publisher(layer.Snapshot(), kMapOptions, {});
   Clock::time_point now{std::chrono::hours(1)};
   const auto pull_roots = [&] {
     layer_pull_t pull;
@@ -991,24 +1025,24 @@ TEST(ReplicationTest, AListingOfBeforeTheDigestDoesNotSatisfyIt) {
     pull.xs = {-1, 0, -1, 0};
     pull.ys = {-1, -1, 0, 0};
     pull.num_nodes = 4;
-    publisher.TakePull(pull, now);
-    return publisher.Tick(now += milliseconds(20));
+    publisher.HandlePull(pull, now);
+    return TickOf(publisher, now += milliseconds(20));
   };
-  LayerFollower::Part part;
-  part.box = TileBox{0, 0, 1, 1};
-  LayerFollower follower(kId, 1, part);
-  const auto deliver = [&](const std::vector<PublishedMessage>& messages) {
-    for (const PublishedMessage& message : messages) {
+  LayerFollower::Subset subset;
+  subset.box = TileBox{0, 0, 1, 1};
+  LayerFollower follower(kId, 1, subset);
+  const auto deliver = [&](const std::vector<ReplicationMessage>& messages) {
+    for (const ReplicationMessage& message : messages) {
       if (const auto* digest = std::get_if<layer_digest_t>(&message)) {
-        follower.TakeDigest(*digest, now);
+        follower.HandleDigest(*digest, now);
       } else if (const auto* listing = std::get_if<layer_listing_t>(&message)) {
-        follower.TakeListing(*listing, now);
+        follower.HandleListing(*listing, now);
       } else {
-        follower.TakeUpdates(std::get<layer_updates_t>(message));
+        follower.HandleUpdates(std::get<layer_updates_t>(message));
       }
     }
   };
-  deliver(publisher.Tick(now));
+  deliver(TickOf(publisher, now));
   const auto late = pull_roots();  // comes twice
   deliver(late);
   layer_pull_t pull;
@@ -1017,19 +1051,19 @@ TEST(ReplicationTest, AListingOfBeforeTheDigestDoesNotSatisfyIt) {
   pull.xs = {0};
   pull.ys = {0};
   pull.num_nodes = 1;
-  publisher.TakePull(pull, now);
-  deliver(publisher.Tick(now += milliseconds(20)));  // the tile
+  publisher.HandlePull(pull, now);
+  deliver(TickOf(publisher, now += milliseconds(20)));  // the tile
   follower.Tick(now);
-  ASSERT_TRUE(follower.in_sync());
+  ASSERT_TRUE(follower.caught_up());
   layer.BeginCommit();
   layer.EditTile({0, 0}).control_points[0] = 5;
   publisher.SetLayer(layer.Snapshot(), now);
-  publisher.Tick(now += milliseconds(200));           // the change, lost
-  deliver(publisher.Tick(now += milliseconds(900)));  // a digest
+  TickOf(publisher, now += milliseconds(200));           // the change, lost
+  deliver(TickOf(publisher, now += milliseconds(900)));  // a digest
   deliver(late);
   follower.Tick(now += milliseconds(20));
   EXPECT_LT(follower.last_match(), now - milliseconds(500));  // nothing newer than the first digest
-  EXPECT_FALSE(follower.is_equal());
+  EXPECT_FALSE(follower.matches_digest());
 }
 
 TEST(ReplicationTest, ACoarseLevelIsFollowedWhileSomebodyWantsIt) {
@@ -1037,17 +1071,17 @@ TEST(ReplicationTest, ACoarseLevelIsFollowedWhileSomebodyWantsIt) {
   for (int n = 0; n < 1000; ++n) world.Commit(60);
   world.Run(milliseconds(15'000));
   const int64_t tiles = world.tiles_sent();
-  LayerFollower::Part part;
-  part.detail = {3, Band::kMax};
-  world.AddFollower(part);
+  LayerFollower::Subset subset;
+  subset.level_of_detail = {3, Statistic::kMax};
+  world.AddFollower(subset);
   world.Run(milliseconds(4000));
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
   EXPECT_LE(world.tiles_sent() - tiles, 17 * 17);  // of 14,400
   // It goes on for as long as it is followed, although nothing is asked for.
   world.Run(milliseconds(100'000));
   world.Commit(60);
   world.Run(milliseconds(3000));
-  EXPECT_TRUE(world.AllInSync());
+  EXPECT_TRUE(world.AllCaughtUp());
   // And is given up when nobody does.
   world.RemoveFollowers();
   world.Run(milliseconds(40'000));
@@ -1056,20 +1090,20 @@ TEST(ReplicationTest, ACoarseLevelIsFollowedWhileSomebodyWantsIt) {
   EXPECT_LE(world.bytes_sent() - bytes, 10 * 160);
 }
 
-LayerFollower::Part RandomPart(Random& random, int half_width) {
-  LayerFollower::Part part;
+LayerFollower::Subset RandomSubset(Random& random, int half_width) {
+  LayerFollower::Subset subset;
   if (random() % 3 == 0) {
-    part.detail.level = static_cast<int>(1 + random() % 4);
-    part.detail.band = static_cast<Band>(random() % kNumBands);
+    subset.level_of_detail.level = static_cast<int>(1 + random() % 4);
+    subset.level_of_detail.statistic = static_cast<Statistic>(random() % kNumStatistics);
   }
   if (random() % 3 == 0) {
     const auto any = [&] { return static_cast<int32_t>(random() % (2 * half_width)) - half_width; };
     TileBox box;
     box.Add({any(), any()});
     box.Add({any(), any()});
-    part.box = box;
+    subset.box = box;
   }
-  return part;
+  return subset;
 }
 
 class RandomSchedule : public testing::TestWithParam<int> {};
@@ -1086,7 +1120,7 @@ TEST_P(RandomSchedule, EndsWithEqualBytes) {
     options.bytes_per_s = any(1e6, 1e5, 2e4);
     World world(weather, options, seed);
     const int half_width = any(2, 10, 1000);
-    for (int n = any(1, 2, 5); n > 0; --n) world.AddFollower(RandomPart(random, half_width));
+    for (int n = any(1, 2, 5); n > 0; --n) world.AddFollower(RandomSubset(random, half_width));
     LayerSnapshot file = world.OwnersLayer();
     for (int event = 0; event < 60; ++event) {
       switch (random() % 16) {
@@ -1094,7 +1128,7 @@ TEST_P(RandomSchedule, EndsWithEqualBytes) {
           world.network().SetCut(true);
           break;
         case 1:
-          world.AddFollower(RandomPart(random, half_width));
+          world.AddFollower(RandomSubset(random, half_width));
           break;
         case 2:
           world.RestartFollower(random() % world.num_followers());
@@ -1126,10 +1160,10 @@ TEST_P(RandomSchedule, EndsWithEqualBytes) {
     // From now on packets get through, most of them.
     world.network().SetCut(false);
     world.SilenceOwner(false);
-    for (int second = 0; second < 120 && !world.AllInSync(); ++second) {
+    for (int second = 0; second < 120 && !world.AllCaughtUp(); ++second) {
       world.Run(milliseconds(1000));
     }
-    ASSERT_TRUE(world.AllInSync());
+    ASSERT_TRUE(world.AllCaughtUp());
   }
 }
 

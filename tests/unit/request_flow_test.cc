@@ -1,14 +1,19 @@
-#include "clients/client/request_flow.h"
+#include "lib/client/request_flow.h"
 
 #include <gtest/gtest.h>
 
 #include <functional>
 #include <set>
 
-#include "clients/client/pending_query.h"
+#include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/points_reply_t.hpp"
+#include "lcmtypes/splinemap/rays_reply_t.hpp"
+#include "lcmtypes/splinemap/reply_t.hpp"
 #include "lib/base/clock.h"
+#include "lib/client/pending_query.h"
 #include "lib/query/local_map.h"
 #include "lib/rpc/answer.h"
+#include "lib/wire/decode.h"
 #include "tests/support/queries.h"
 
 namespace splinemap::request_flow_test {
@@ -20,25 +25,26 @@ using Message = std::vector<uint8_t>;
 struct FakeDaemon {
   std::string name = "robot";
   uint64_t nonce = 1;
-  uint64_t incarnation = 1;
-  std::shared_ptr<const MapSnapshot> map = RandomMap(1);
+  uint64_t session_number = 1;
+  std::shared_ptr<const MapView> map = RandomMap(1);
   absl::Status refuses;
   int64_t requests = 0;
   std::set<int64_t> queries;
 
   // Empty where the request is for another.
   Message Answer(const Message& request) {
-    const auto head = RequestHeadOf(request);
-    if (!head || (head->daemon_nonce != 0 && static_cast<uint64_t>(head->daemon_nonce) != nonce)) {
+    const auto header = RequestHeaderOf(request);
+    if (!header ||
+        (header->daemon_nonce != 0 && static_cast<uint64_t>(header->daemon_nonce) != nonce)) {
       return {};
     }
     ++requests;
-    queries.insert(head->query);
+    queries.insert(header->query);
     reply_t reply{};
-    reply.id = head->id;
+    reply.id = header->id;
     reply.name = name;
     reply.daemon_nonce = static_cast<int64_t>(nonce);
-    reply.incarnation = static_cast<int64_t>(incarnation);
+    reply.session_number = static_cast<int64_t>(session_number);
     if (!refuses.ok()) return RefuseRequest(request, refuses, reply);
     return AnswerRequest(request, LocalMap(map), reply);
   }
@@ -62,7 +68,7 @@ class RequestFlowTest : public testing::Test {
 
   void Exchange() {
     std::vector<RequestFlow::Outgoing> outgoing;
-    while (!(outgoing = flow_->TakeOutgoing()).empty()) {
+    while (!(outgoing = flow_->DrainOutgoing()).empty()) {
       for (const auto& [channel, request] : outgoing) {
         ++sent_;
         if (Lost()) continue;
@@ -73,7 +79,7 @@ class RequestFlowTest : public testing::Test {
         }
       }
     }
-    for (const auto& [request, status] : flow_->TakeFinished()) request->Finish(status);
+    for (const auto& [request, status] : flow_->DrainFinished()) request->Finish(status);
   }
 
   void Run(milliseconds time) {
@@ -179,12 +185,12 @@ TEST_F(RequestFlowTest, AShortQueryDoesNotWaitForALongOne) {
   Ask(RandomPoints(random_, 200'000));
   Ask(RaysQuery{});
   // The first eight pieces of the long one are out, and the short one is next.
-  auto outgoing = flow_->TakeOutgoing();
+  auto outgoing = flow_->DrainOutgoing();
   ASSERT_EQ(outgoing.size(), RequestFlow::kMaxUnderWay);
   flow_->HandleMessage(daemons_[0].Answer(outgoing[0].bytes), now_);
   flow_->HandleMessage(daemons_[0].Answer(outgoing[1].bytes), now_);
   std::set<std::string> channels;
-  for (const auto& message : flow_->TakeOutgoing()) channels.insert(message.channel);
+  for (const auto& message : flow_->DrainOutgoing()) channels.insert(message.channel);
   EXPECT_TRUE(channels.contains("MAP_RAYS_REQUESTS"));
 }
 
@@ -192,12 +198,12 @@ TEST_F(RequestFlowTest, AnAnswerIsOfOneRevision) {
   Find();
   const PointsQuery query = RandomPoints(random_, 5000);
   Ask(query);
-  auto outgoing = flow_->TakeOutgoing();
+  auto outgoing = flow_->DrainOutgoing();
   ASSERT_EQ(outgoing.size(), 3u);
   flow_->HandleMessage(daemons_[0].Answer(outgoing[0].bytes), now_);
   // A commit, and a daemon that has forgotten what it answered from.
-  auto map = std::make_shared<MapSnapshot>(*RandomMap(2));
-  map->layers[0].revision += 1;
+  auto map = std::make_shared<MapView>(*RandomMap(2));
+  map->revision += 1;
   daemons_[0].map = map;
   flow_->HandleMessage(daemons_[0].Answer(outgoing[1].bytes), now_);
   flow_->HandleMessage(daemons_[0].Answer(outgoing[2].bytes), now_);
@@ -210,14 +216,14 @@ TEST_F(RequestFlowTest, AnAnswerIsOfOneRevision) {
 TEST_F(RequestFlowTest, ADaemonThatWasStartedAgainIsFound) {
   Find();
   Ask(RandomPoints(random_, 5000), milliseconds(5000));
-  auto outgoing = flow_->TakeOutgoing();
+  auto outgoing = flow_->DrainOutgoing();
   flow_->HandleMessage(daemons_[0].Answer(outgoing[0].bytes), now_);
   daemons_[0].nonce = 99;
-  daemons_[0].incarnation = 2;
+  daemons_[0].session_number = 2;
   Run(milliseconds(1000));
   ASSERT_TRUE(answer_.has_value());
   EXPECT_EQ(flow_->daemon()->nonce, 99u);
-  EXPECT_EQ(flow_->daemon()->incarnation, 2u);
+  EXPECT_EQ(flow_->daemon()->session_number, 2u);
 }
 
 TEST_F(RequestFlowTest, AnotherRobotDoesNotTakeThePlaceOfOneThatIsGone) {
@@ -238,14 +244,14 @@ TEST_F(RequestFlowTest, ACommandIsNotGivenToTheNextStart) {
   int64_t done = 0;
   command_request_t clear;
   clear.command = "clear";
-  clear.incarnation = 1;
+  clear.session_number = 1;
   flow_->Start(std::make_unique<PendingCommand<command_request_t>>(clear,
                                                                    [&](const absl::Status& s) {
                                                                      ++done;
                                                                      status = s;
                                                                    }),
                now_ + milliseconds(5000), now_);
-  flow_->TakeOutgoing();  // lost
+  flow_->DrainOutgoing();  // lost
   daemons_[0].nonce = 99;
   Run(milliseconds(1000));
   EXPECT_EQ(done, 1);
@@ -255,7 +261,7 @@ TEST_F(RequestFlowTest, ACommandIsNotGivenToTheNextStart) {
 TEST_F(RequestFlowTest, CancelledOnceAndThenGone) {
   Find();
   const int64_t number = Ask(RandomPoints(random_, 5000));
-  auto outgoing = flow_->TakeOutgoing();
+  auto outgoing = flow_->DrainOutgoing();
   const auto removed = flow_->Remove(number);
   ASSERT_NE(removed, nullptr);
   EXPECT_EQ(flow_->Remove(number), nullptr);
@@ -300,18 +306,18 @@ TEST_F(RequestFlowTest, AnOverloadedDaemonIsAskedAgainAndOtherErrorsEndTheQuery)
 TEST_F(RequestFlowTest, ForgedRepliesAreNotTaken) {
   Find();
   Ask(PointsQuery{{{1, 2}}, false});
-  const Message request = flow_->TakeOutgoing().at(0).bytes;
+  const Message request = flow_->DrainOutgoing().at(0).bytes;
   FakeDaemon forger;
   forger.nonce = 1;
   const Message reply = forger.Answer(request);
   for (size_t size = 0; size < reply.size(); ++size) {
     flow_->HandleMessage({reply.data(), size}, now_);
   }
-  auto other = *DecodeRpc<points_reply_t>(reply);
-  other.head.daemon_nonce = 2;
+  auto other = *Decode<points_reply_t>(reply);
+  other.header.daemon_nonce = 2;
   flow_->HandleMessage(Encode(other), now_);
   rays_reply_t rays{};
-  rays.head = DecodeRpc<points_reply_t>(reply)->head;
+  rays.header = Decode<points_reply_t>(reply)->header;
   flow_->HandleMessage(Encode(rays), now_);
   Exchange();
   EXPECT_TRUE(statuses_.empty());

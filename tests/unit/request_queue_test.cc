@@ -7,15 +7,17 @@
 #include <utility>
 #include <vector>
 
+#include "lcmtypes/splinemap/request_t.hpp"
+
 namespace splinemap::request_queue_test {
 
-using Pushed = RequestQueue::Pushed;
+using PushResult = RequestQueue::PushResult;
 
 request_t Request(int64_t client, int64_t id) {
-  request_t head{};
-  head.client = client;
-  head.id = id;
-  return head;
+  request_t header{};
+  header.client = client;
+  header.id = id;
+  return header;
 }
 
 // The client has asked before.
@@ -31,17 +33,17 @@ TEST(RequestQueueTest, ClientsAreServedInTurn) {
   queue.Push(Request(2, 0), {});
   queue.Push(Request(3, 0), {});
   std::vector<int64_t> clients;
-  while (!queue.empty()) clients.push_back(queue.Pop().head.client);
+  while (!queue.empty()) clients.push_back(queue.Pop().header.client);
   EXPECT_EQ(clients, (std::vector<int64_t>{1, 2, 3, 1, 1, 1, 1, 1, 1, 1, 1, 1}));
 }
 
 TEST(RequestQueueTest, OneClientFillsItsOwnShareOnly) {
   RequestQueue queue;
   for (size_t id = 0; id < RequestQueue::kMaxOfLine; ++id) {
-    EXPECT_EQ(queue.Push(Request(1, static_cast<int64_t>(id)), {}), Pushed::kTaken);
+    EXPECT_EQ(queue.Push(Request(1, static_cast<int64_t>(id)), {}), PushResult::kTaken);
   }
-  EXPECT_EQ(queue.Push(Request(1, 1000), {}), Pushed::kFull);
-  EXPECT_EQ(queue.Push(Request(2, 1000), {}), Pushed::kTaken);
+  EXPECT_EQ(queue.Push(Request(1, 1000), {}), PushResult::kFull);
+  EXPECT_EQ(queue.Push(Request(2, 1000), {}), PushResult::kTaken);
 }
 
 TEST(RequestQueueTest, AllClientsTogetherAreBounded) {
@@ -49,12 +51,12 @@ TEST(RequestQueueTest, AllClientsTogetherAreBounded) {
   size_t taken = 0;
   for (int64_t client = 0; client < 1500; ++client) {
     for (const int64_t id : {1, 2}) {
-      taken += queue.Push(Request(client, id), {}) == Pushed::kTaken ? 1 : 0;
+      taken += queue.Push(Request(client, id), {}) == PushResult::kTaken ? 1 : 0;
     }
   }
   EXPECT_EQ(taken, RequestQueue::kMax);
   queue.Pop();
-  EXPECT_EQ(queue.Push(Request(-1, 1), {}), Pushed::kTaken);
+  EXPECT_EQ(queue.Push(Request(-1, 1), {}), PushResult::kTaken);
 }
 
 TEST(RequestQueueTest, AFloodOfNewIdsCountsAsOneClient) {
@@ -65,11 +67,11 @@ TEST(RequestQueueTest, AFloodOfNewIdsCountsAsOneClient) {
   MakeKnown(queue, 2);
   for (int64_t round = 0; round < 1000; ++round) {
     for (int n = 0; n < 100; ++n) queue.Push(Request(new_id(), 1), {});
-    ASSERT_EQ(queue.Push(Request(1, round), {}), Pushed::kTaken);
-    ASSERT_EQ(queue.Push(Request(2, round), {}), Pushed::kTaken);
+    ASSERT_EQ(queue.Push(Request(1, round), {}), PushResult::kTaken);
+    ASSERT_EQ(queue.Push(Request(2, round), {}), PushResult::kTaken);
     // Both, and one of all others.
     std::set<int64_t> served;
-    for (int n = 0; n < 3; ++n) served.insert(queue.Pop().head.client);
+    for (int n = 0; n < 3; ++n) served.insert(queue.Pop().header.client);
     ASSERT_TRUE(served.contains(1) && served.contains(2)) << round;
   }
 }
@@ -81,12 +83,12 @@ TEST(RequestQueueTest, AClientThatComesDuringAFloodGetsInWhenItAsksAgain) {
     for (int n = 0; n < 1000; ++n) queue.Push(Request(static_cast<int64_t>(random()), 1), {});
   };
   flood();
-  EXPECT_EQ(queue.Push(Request(7, 1), {}), Pushed::kFull);
+  EXPECT_EQ(queue.Push(Request(7, 1), {}), PushResult::kFull);
   flood();
-  EXPECT_EQ(queue.Push(Request(7, 1), {}), Pushed::kTaken);
+  EXPECT_EQ(queue.Push(Request(7, 1), {}), PushResult::kTaken);
   flood();
   std::set<int64_t> served;
-  for (int n = 0; n < 2; ++n) served.insert(queue.Pop().head.client);
+  for (int n = 0; n < 2; ++n) served.insert(queue.Pop().header.client);
   EXPECT_TRUE(served.contains(7));
 }
 
@@ -99,14 +101,14 @@ TEST(RequestQueueTest, WhatAClientAskedFirstWaitsInItsOwnLineOnceItIsKnown) {
   std::vector<std::pair<int64_t, bool>> served;
   while (!queue.empty()) {
     const QueuedRequest request = queue.Pop();
-    served.emplace_back(request.head.client, request.line.has_value());
+    served.emplace_back(request.header.client, request.line.has_value());
   }
   EXPECT_EQ(served,
             (std::vector<std::pair<int64_t, bool>>{{8, false}, {7, true}, {9, false}, {7, true}}));
   queue.Push(Request(5, 1), {});  // alone in the line of all others
   queue.Push(Request(5, 2), {});
-  EXPECT_EQ(queue.Pop().head.id, 1);
-  EXPECT_EQ(queue.Pop().head.id, 2);
+  EXPECT_EQ(queue.Pop().header.id, 1);
+  EXPECT_EQ(queue.Pop().header.id, 2);
   EXPECT_TRUE(queue.empty());
 }
 
@@ -126,13 +128,13 @@ TEST(RecentIdsTest, KeepsTheLast) {
 TEST(RequestQueueTest, ARequestThatIsSentAgainWaitsOnce) {
   RequestQueue queue;
   const std::vector<uint8_t> bytes{1, 2};
-  EXPECT_EQ(queue.Push(Request(1, 1), bytes), Pushed::kTaken);
-  EXPECT_EQ(queue.Push(Request(1, 1), bytes), Pushed::kWaiting);
-  EXPECT_EQ(queue.Push(Request(2, 1), bytes), Pushed::kTaken);
+  EXPECT_EQ(queue.Push(Request(1, 1), bytes), PushResult::kTaken);
+  EXPECT_EQ(queue.Push(Request(1, 1), bytes), PushResult::kWaiting);
+  EXPECT_EQ(queue.Push(Request(2, 1), bytes), PushResult::kTaken);
   EXPECT_EQ(queue.Pop().bytes, bytes);
-  EXPECT_EQ(queue.Pop().head.client, 2);
+  EXPECT_EQ(queue.Pop().header.client, 2);
   EXPECT_TRUE(queue.empty());
-  EXPECT_EQ(queue.Push(Request(1, 1), bytes), Pushed::kTaken);
+  EXPECT_EQ(queue.Push(Request(1, 1), bytes), PushResult::kTaken);
 }
 
 }  // namespace splinemap::request_queue_test

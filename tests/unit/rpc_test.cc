@@ -3,6 +3,8 @@
 
 #include <limits>
 
+#include "lcmtypes/splinemap/command_reply_t.hpp"
+#include "lcmtypes/splinemap/command_request_t.hpp"
 #include "lib/query/local_map.h"
 #include "lib/rpc/answer.h"
 #include "lib/wire/encode.h"
@@ -10,22 +12,31 @@
 
 namespace splinemap::rpc_test {
 
-reply_t Head() {
-  reply_t head{};
-  head.id = 5;
-  head.name = "robot";
-  head.daemon_nonce = 6;
-  head.incarnation = 7;
-  return head;
+reply_t Header() {
+  reply_t header{};
+  header.id = 5;
+  header.name = "robot";
+  header.daemon_nonce = 6;
+  header.session_number = 7;
+  return header;
 }
 
 // Rays, sweeps and distances that have answers of their own, before any map has.
 class AnyAnswers : public LocalMap {
  public:
-  using LocalMap::Ask;
   using LocalMap::LocalMap;
 
-  absl::StatusOr<RaysQuery::Answer> Ask(const RaysQuery& query) const override {
+  absl::StatusOr<AnyAnswer> AskAny(const AnyQuery& query) const override {
+    if (const auto* rays = std::get_if<const RaysQuery*>(&query)) return AnswerTo(**rays);
+    if (const auto* sweeps = std::get_if<const SweepsQuery*>(&query)) return AnswerTo(**sweeps);
+    if (const auto* distances = std::get_if<const DistancesQuery*>(&query)) {
+      return AnswerTo(**distances);
+    }
+    return LocalMap::AskAny(query);
+  }
+
+ private:
+  static RaysQuery::Answer AnswerTo(const RaysQuery& query) {
     RaysQuery::Answer answer{.revision = 3, .ends = {}};
     for (const Ray& ray : query.rays) {
       answer.ends.push_back({ray.bearing_rad > 0 ? Occupancy::kOccupied : Occupancy::kUnknown,
@@ -34,7 +45,7 @@ class AnyAnswers : public LocalMap {
     }
     return answer;
   }
-  absl::StatusOr<SweepsQuery::Answer> Ask(const SweepsQuery& query) const override {
+  static SweepsQuery::Answer AnswerTo(const SweepsQuery& query) {
     SweepsQuery::Answer answer{.revision = 3, .results = {}};
     for (const Sweep& sweep : query.sweeps) {
       answer.results.push_back({Occupancy::kOccupied, sweep.path_m.size() % 2 == 1,
@@ -43,7 +54,7 @@ class AnyAnswers : public LocalMap {
     }
     return answer;
   }
-  absl::StatusOr<DistancesQuery::Answer> Ask(const DistancesQuery& query) const override {
+  static DistancesQuery::Answer AnswerTo(const DistancesQuery& query) {
     DistancesQuery::Answer answer{.revision = 3, .distances = {}};
     for (const Eigen::Vector2d& point_m : query.points_m) {
       answer.distances.push_back({query.max_distance_m + query.occupied_log_odds, point_m});
@@ -58,22 +69,22 @@ class RpcTest : public testing::Test {
   template <typename Query>
   typename Query::Answer AskInPieces(const Query& query) {
     typename Query::Answer answer;
-    const std::vector<Piece> pieces = Cut(query);
+    const std::vector<Chunk> pieces = Split(query);
     num_pieces_ = pieces.size();
-    for (const Piece& piece : pieces) {
+    for (const Chunk& piece : pieces) {
       auto message = ToMessage(query, piece);
-      message.head.client = -1;
+      message.header.client = -1;
       const std::vector<uint8_t> request = Encode(message);
       EXPECT_LE(request.size(), kMaxRpcBytes);
-      const std::vector<uint8_t> bytes = AnswerRequest(request, map_, Head());
+      const std::vector<uint8_t> bytes = AnswerRequest(request, map_, Header());
       EXPECT_LE(bytes.size(), kMaxRpcBytes);
-      const auto reply = DecodeRpc<typename Rpc<Query>::Reply>(bytes);
+      const auto reply = Decode<typename Rpc<Query>::Reply>(bytes);
       EXPECT_TRUE(reply.ok()) << reply.status();
       if (!reply.ok()) return {};
-      EXPECT_EQ(reply->head.id, 5);
-      EXPECT_EQ(reply->head.daemon_nonce, 6);
-      EXPECT_TRUE(StatusOf(reply->head).ok()) << StatusOf(reply->head);
-      EXPECT_TRUE(TakeReply(*reply, query, piece, answer).ok());
+      EXPECT_EQ(reply->header.id, 5);
+      EXPECT_EQ(reply->header.daemon_nonce, 6);
+      EXPECT_TRUE(StatusOf(reply->header).ok()) << StatusOf(reply->header);
+      EXPECT_TRUE(HandleReply(*reply, query, piece, answer).ok());
     }
     return answer;
   }
@@ -89,12 +100,12 @@ class RpcTest : public testing::Test {
   // What the map says to a request.
   template <typename Request>
   absl::Status StatusFor(const Request& request) {
-    const std::vector<uint8_t> bytes = AnswerRequest(Encode(request), map_, Head());
+    const std::vector<uint8_t> bytes = AnswerRequest(Encode(request), map_, Header());
     if (bytes.empty()) return absl::DataLossError("no reply");
-    reply_t head;
-    // After the fingerprint, which the head does not have.
-    EXPECT_GE(head._decodeNoHash(bytes.data(), 8, static_cast<int>(bytes.size()) - 8), 0);
-    return StatusOf(head);
+    reply_t header;
+    // After the fingerprint, which the header does not have.
+    EXPECT_GE(header._decodeNoHash(bytes.data(), 8, static_cast<int>(bytes.size()) - 8), 0);
+    return StatusOf(header);
   }
 
   std::mt19937_64 random_{1};
@@ -106,13 +117,13 @@ TEST_F(RpcTest, AnswersInPiecesAreThoseInProcess) {
   ExpectSame(RandomPoints(random_, 5000), 3);
   ExpectSame(RandomPoints(random_, 5001), 5);  // with second derivatives
   const RaysQuery rays = RandomRays(random_, 5000);
-  ExpectSame(rays, Cut(rays).size());
+  ExpectSame(rays, Split(rays).size());
   ExpectSame(RandomRaster(random_, 100'000), 4);
   ExpectSame(RandomLikelihoods(random_, 3000), 3);
   ExpectSame(RandomDistances(random_, 5000), 60);
   SweepsQuery sweeps = RandomSweeps(random_, 2000);
   sweeps.sweeps[7].path_m.resize(Sweep::kMaxVertices, {1, 2});
-  const size_t pieces = Cut(sweeps).size();
+  const size_t pieces = Split(sweeps).size();
   EXPECT_GT(pieces, 5u);
   ExpectSame(sweeps, pieces);
 }
@@ -143,7 +154,7 @@ TEST_F(RpcTest, RowsOfARasterMayBeLongerThanAPiece) {
 
 TEST_F(RpcTest, MoreThanAPieceInARequestIsRefusedWithNumbers) {
   const auto expect_refused = [&](const auto& query, const std::string& number) {
-    const auto status = StatusFor(ToMessage(query, {0, Cut(query).front().end + 1}));
+    const auto status = StatusFor(ToMessage(query, {0, Split(query).front().end + 1}));
     EXPECT_TRUE(absl::IsInvalidArgument(status)) << status;
     EXPECT_NE(std::string(status.message()).find(number), std::string::npos) << status;
   };
@@ -170,8 +181,8 @@ TEST_F(RpcTest, MuchWorkIsCutAndMoreThanAPieceOfItRefusedWithNumbers) {
   expect_refused(rays, 6, "rays of 6000 m in one request; 5000 are allowed");
   rays.rays[1].max_range_m = 1e300;  // one ray may have any length
   rays.rays[50].max_range_m = 1e9;
-  ExpectSame(rays, Cut(rays).size());
-  EXPECT_EQ(Cut(rays)[1].size(), 1u);
+  ExpectSame(rays, Split(rays).size());
+  EXPECT_EQ(Split(rays)[1].size(), 1u);
 
   DistancesQuery distances = RandomDistances(random_, 10);
   distances.max_distance_m = 100;
@@ -188,7 +199,7 @@ TEST_F(RpcTest, MuchWorkIsCutAndMoreThanAPieceOfItRefusedWithNumbers) {
   ExpectSame(sweeps, 40);
   expect_refused(sweeps, 2, "of 8032 m2 in one request; 8000 are allowed");
   sweeps.sweeps = {{{{0, 0}, {1000, 0}}, 10}};
-  EXPECT_EQ(Cut(sweeps).size(), 1u);
+  EXPECT_EQ(Split(sweeps).size(), 1u);
   expect_refused(sweeps, 1, "8000 are allowed");
 }
 
@@ -199,9 +210,9 @@ TEST_F(RpcTest, WhatNoMapAnswersIsRefused) {
   EXPECT_TRUE(absl::IsInvalidArgument(Check(rays)));
   const LocalMap map(RandomMap(1));  // AnyAnswers does not check
   const auto reply =
-      DecodeRpc<rays_reply_t>(AnswerRequest(Encode(ToMessage(rays, {0, 3})), map, Head()));
+      Decode<rays_reply_t>(AnswerRequest(Encode(ToMessage(rays, {0, 3})), map, Header()));
   ASSERT_TRUE(reply.ok());
-  EXPECT_FALSE(StatusOf(reply->head).ok());
+  EXPECT_FALSE(StatusOf(reply->header).ok());
   EXPECT_EQ(reply->num_rays, 0);
 
   raster_request_t raster = ToMessage(RasterQuery{{0, 0}, 1, 1000, 1000}, {0, 10});
@@ -244,36 +255,36 @@ TEST_F(RpcTest, RepliesToAnotherPieceAreNotTaken) {
   const PointsQuery query = RandomPoints(random_, 4);
   PointsQuery::Answer answer;
   points_reply_t reply = ToMessage(*map_.Ask(query));
-  EXPECT_FALSE(TakeReply(reply, query, {0, 3}, answer).ok());
+  EXPECT_FALSE(HandleReply(reply, query, {0, 3}, answer).ok());
   EXPECT_TRUE(answer.samples.empty());
-  EXPECT_TRUE(TakeReply(reply, query, {0, 4}, answer).ok());
+  EXPECT_TRUE(HandleReply(reply, query, {0, 4}, answer).ok());
   reply.num_hessians = 4;
-  EXPECT_FALSE(TakeReply(reply, query, {0, 4}, answer).ok());
+  EXPECT_FALSE(HandleReply(reply, query, {0, 4}, answer).ok());
 
   const RaysQuery rays = RandomRays(random_, 2);
   rays_reply_t ends = ToMessage(*map_.Ask(rays));
   ends.occupancy[1] = 3;
   RaysQuery::Answer ends_answer;
-  EXPECT_FALSE(TakeReply(ends, rays, {0, 2}, ends_answer).ok());
+  EXPECT_FALSE(HandleReply(ends, rays, {0, 2}, ends_answer).ok());
 }
 
 TEST_F(RpcTest, EveryRequestCanBeRefused) {
   const auto refuse = [](const auto& request) {
     return RefuseRequest(Encode(request), absl::ResourceExhaustedError(std::string(10'000, 'x')),
-                         Head());
+                         Header());
   };
   const auto expect_exhausted = [](const auto& reply) {
     ASSERT_TRUE(reply.ok()) << reply.status();
-    EXPECT_TRUE(absl::IsResourceExhausted(StatusOf(reply->head)));
-    EXPECT_LT(reply->head.status_text.size(), 1000u);
+    EXPECT_TRUE(absl::IsResourceExhausted(StatusOf(reply->header)));
+    EXPECT_LT(reply->header.status_text.size(), 1000u);
   };
-  expect_exhausted(DecodeRpc<points_reply_t>(refuse(points_request_t{})));
-  expect_exhausted(DecodeRpc<rays_reply_t>(refuse(rays_request_t{})));
-  expect_exhausted(DecodeRpc<sweeps_reply_t>(refuse(sweeps_request_t{})));
-  expect_exhausted(DecodeRpc<raster_reply_t>(refuse(raster_request_t{})));
-  expect_exhausted(DecodeRpc<likelihoods_reply_t>(refuse(likelihoods_request_t{})));
-  expect_exhausted(DecodeRpc<distances_reply_t>(refuse(distances_request_t{})));
-  expect_exhausted(DecodeRpc<command_reply_t>(refuse(command_request_t{})));
+  expect_exhausted(Decode<points_reply_t>(refuse(points_request_t{})));
+  expect_exhausted(Decode<rays_reply_t>(refuse(rays_request_t{})));
+  expect_exhausted(Decode<sweeps_reply_t>(refuse(sweeps_request_t{})));
+  expect_exhausted(Decode<raster_reply_t>(refuse(raster_request_t{})));
+  expect_exhausted(Decode<likelihoods_reply_t>(refuse(likelihoods_request_t{})));
+  expect_exhausted(Decode<distances_reply_t>(refuse(distances_request_t{})));
+  expect_exhausted(Decode<command_reply_t>(refuse(command_request_t{})));
   EXPECT_TRUE(refuse(points_reply_t{}).empty());
 }
 

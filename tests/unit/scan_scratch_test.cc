@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 
 namespace splinemap::scan_scratch_test {
 
@@ -17,7 +17,7 @@ class ScanScratchTest : public testing::Test {
   }
   void Commit() { scratch_.CommitTo(layer_, kLimits); }
 
-  Layer layer_{LayerId{"robot", 1}, LayerEpoch{1, 1}};
+  Layer layer_{LayerId{"robot", 1}, SessionId{1, 1}};
   ScanScratch scratch_;
 };
 

@@ -7,6 +7,7 @@
 #include <random>
 
 #include "lib/query/cell_patch.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::surface_bounds_test {
 
@@ -15,7 +16,7 @@ struct Cell {
   Bounds bounds;
   bool is_positive = false;
 };
-Cell LookAt(const TileTree& tiles, int i, int j) {
+Cell CellAt(const TileTree& tiles, int i, int j) {
   CellPatch patch;
   Cell cell;
   for (int k = 0; k < 16; ++k) {
@@ -40,7 +41,7 @@ void ExpectBoundsOf(const SurfaceBounds& bounds, const TileTree& tiles) {
         for (int k = 0; k < 64; ++k) {
           const int x = 8 * (block % 4) + k % 8;
           const int y = 8 * (block / 4) + k / 8;
-          const Cell cell = LookAt(tiles, Tile::kSide * tx + x, Tile::kSide * ty + y);
+          const Cell cell = CellAt(tiles, Tile::kSide * tx + x, Tile::kSide * ty + y);
           expected.upper = std::max(expected.upper, cell.bounds.upper);
           expected.lower = std::min(expected.lower, cell.bounds.lower);
           expected.all_known = expected.all_known && cell.bounds.all_known;
@@ -73,13 +74,13 @@ TEST(SurfaceBoundsTest, AreThoseOfTheCellsWhateverWasSeenBefore) {
   std::mt19937_64 random(1);
   std::uniform_int_distribution<int> knot(-70, 70);
   std::uniform_int_distribution<int> value(-900, 300);
-  Map map(MapOptions{});
+  MapWriter map(MapOptions{});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   SurfaceBoundsEditor editor;
-  std::vector<std::shared_ptr<const MapSnapshot>> snapshots;
+  std::vector<std::shared_ptr<const MapView>> views;
   for (int commit = 0; commit < 12; ++commit) {
     layer.BeginCommit();
-    // Single points as well as patches that are known, also across the rims of tiles.
+    // Single points as well as patches that are known, also across the borders of tiles.
     for (int n = 0; n < 3; ++n) {
       const int i0 = n == 1 ? knot(random) & -Tile::kSide : knot(random);
       const int j0 = n == 2 ? knot(random) & -Tile::kSide : knot(random);
@@ -91,11 +92,11 @@ TEST(SurfaceBoundsTest, AreThoseOfTheCellsWhateverWasSeenBefore) {
         }
       }
     }
-    snapshots.push_back(map.Snapshot());
+    views.push_back(map.View());
     // Now and then one of long ago.
     const bool is_old = commit % 4 == 3;
-    const MapSnapshot& shown = *snapshots[is_old ? snapshots.size() / 2 : snapshots.size() - 1];
-    ExpectBoundsOf(editor.Update(shown), shown.merged);
+    const MapView& shown = *views[is_old ? views.size() / 2 : views.size() - 1];
+    ExpectBoundsOf(editor.Update(shown), shown.tiles);
   }
 }
 

@@ -8,7 +8,8 @@
 #include <random>
 #include <unsupported/Eigen/Splines>
 
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap::surface_test {
@@ -59,7 +60,7 @@ TEST_P(SurfaceAgainstEigen, ValueGradientAndHessianAgree) {
   // Four tiles around the origin: cells of every position relative to tile borders and signs.
   const double knot_m = GetParam();
   std::mt19937_64 random(7);
-  Map map({knot_m, {}});
+  MapWriter map({knot_m, {}});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   Eigen::MatrixXd control_points(2 * Tile::kSide, 2 * Tile::kSide);
   for (const TileKey key : {TileKey{-1, -1}, TileKey{0, -1}, TileKey{-1, 0}, TileKey{0, 0}}) {
@@ -71,7 +72,7 @@ TEST_P(SurfaceAgainstEigen, ValueGradientAndHessianAgree) {
           tile.control_points[k] / double{kUnitsPerLogOdds};
     }
   }
-  const auto snapshot = map.Snapshot();
+  const auto view = map.View();
   const EigenSurface reference(control_points, -Tile::kSide, -Tile::kSide, knot_m);
 
   std::uniform_real_distribution<double> coordinate(-(Tile::kSide - 3) * knot_m,
@@ -79,11 +80,11 @@ TEST_P(SurfaceAgainstEigen, ValueGradientAndHessianAgree) {
   for (int n = 0; n < 2000; ++n) {
     const double x = coordinate(random);
     const double y = coordinate(random);
-    const SurfaceSample sample = snapshot->Evaluate(x, y);
+    const SurfaceSample sample = view->Evaluate(x, y);
     EXPECT_NEAR(sample.log_odds, reference.Derivative(x, y, 0, 0), 1e-6);
     EXPECT_NEAR(sample.gradient_per_m.x(), reference.Derivative(x, y, 1, 0), 1e-6);
     EXPECT_NEAR(sample.gradient_per_m.y(), reference.Derivative(x, y, 0, 1), 1e-6);
-    const Eigen::Matrix2d hessian_per_m2 = snapshot->Hessian(x, y);
+    const Eigen::Matrix2d hessian_per_m2 = view->Hessian(x, y);
     EXPECT_NEAR(hessian_per_m2(0, 0), reference.Derivative(x, y, 2, 0), 1e-6);
     EXPECT_NEAR(hessian_per_m2(1, 1), reference.Derivative(x, y, 0, 2), 1e-6);
     EXPECT_NEAR(hessian_per_m2(0, 1), reference.Derivative(x, y, 1, 1), 1e-6);

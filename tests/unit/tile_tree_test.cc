@@ -1,4 +1,4 @@
-#include "lib/map/tile_tree.h"
+#include "lib/tiles/tile_tree.h"
 
 #include <gtest/gtest.h>
 
@@ -139,7 +139,7 @@ TEST(TileTreeTest, VisitsJustWhatChangedSinceAnEarlierFreeze) {
       const TileKey changed{key.first, key.second};
       expected[key] = {*frozen.back().Find(changed), frozen.back().RevisionOf(changed)};
     }
-    EXPECT_EQ(ContentOf(frozen.back(), frozen[round].epoch()), expected) << round;
+    EXPECT_EQ(ContentOf(frozen.back(), frozen[round].version()), expected) << round;
   }
 }
 

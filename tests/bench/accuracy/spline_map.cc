@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "lib/mapping/scan_scratch.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/paper_map.h"
 
 namespace splinemap {
@@ -20,12 +21,12 @@ class SplineMap : public TestedMap {
   void AddScan(absl::Span<const PlacedBeam> beams) override {
     model_.Accumulate(beams, scratch_);
     scratch_.CommitTo(layer_, map_.options().limits, scan_limits_);
-    snapshot_ = nullptr;
+    view_ = nullptr;
   }
 
   double LogOdds(const Eigen::Vector2d& point_m) override {
-    if (snapshot_ == nullptr) snapshot_ = map_.Snapshot();
-    const SurfaceSample sample = snapshot_->Evaluate(point_m.x(), point_m.y());
+    if (view_ == nullptr) view_ = map_.View();
+    const SurfaceSample sample = view_->Evaluate(point_m.x(), point_m.y());
     return sample.known ? sample.log_odds : 0;
   }
 
@@ -37,9 +38,9 @@ class SplineMap : public TestedMap {
   ControlLimits scan_limits_;
   BeamModel model_;
   ScanScratch scratch_;
-  Map map_;
+  MapWriter map_;
   Layer& layer_;
-  std::shared_ptr<const MapSnapshot> snapshot_;  // null after a scan
+  std::shared_ptr<const MapView> view_;  // null after a scan
 };
 
 class PaperSplineMap : public TestedMap {

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 #include "lib/mapping/beam_model.h"
 #include "tests/bench/accuracy/tested_map.h"
 

@@ -15,11 +15,12 @@
 
 #include "lib/base/clock.h"
 #include "lib/config/config.h"
+#include "lib/distance/distance_field.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
-#include "lib/query/distance_field.h"
 #include "lib/query/local_map.h"
 #include "tests/bench/speed/workload.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::bench {
 namespace {
@@ -50,11 +51,11 @@ class Mapper {
     model_.Accumulate(Place(scan), scratch_);
     scratch_.CommitTo(layer_, map_.options().limits);
   }
-  std::shared_ptr<const MapSnapshot> Snapshot() { return map_.Snapshot(); }
+  std::shared_ptr<const MapView> View() { return map_.View(); }
 
  private:
   const config::Method method_;
-  Map map_{MapOptionsOf(method_)};
+  MapWriter map_{MapOptionsOf(method_)};
   Layer& layer_ = map_.AddLayer({"bench", 1}, {1, 1});
   BeamModel model_{BeamModelOptionsOf(method_), kResolution_m};
   ScanScratch scratch_;
@@ -194,7 +195,7 @@ void Run(const Workload& workload, int repetitions, size_t items) {
   const auto bounds_m = BoundsOf(workload);
   Mapper mapper;
   for (size_t n = 0; n < mapped; ++n) mapper.Insert(workload.scans[n]);
-  LocalMap map(mapper.Snapshot());
+  LocalMap map(mapper.View());
   Grid grid(map, bounds_m);
   octomap::OcTree tree(kResolution_m);
   Fill(grid, tree);
@@ -214,7 +215,7 @@ void Run(const Workload& workload, int repetitions, size_t items) {
     return std::uniform_real_distribution<double>(0, end)(random);
   };
   RaysQuery rays;
-  rays.unknown = Unknown::kPasses;
+  rays.unknown = UnknownPolicy::kFree;
   const size_t stride = std::max<size_t>(1, mapped * 360 / items);
   for (size_t n = 0; n < mapped; n += stride) {
     for (int beam = 0; beam < 360; ++beam) {
@@ -224,7 +225,7 @@ void Run(const Workload& workload, int repetitions, size_t items) {
     }
   }
   SweepsQuery sweeps;
-  sweeps.unknown = Unknown::kPasses;
+  sweeps.unknown = UnknownPolicy::kFree;
   DistancesQuery distances;
   distances.max_distance_m = kDistance_m;
   while (distances.points_m.size() < items) {
@@ -287,7 +288,7 @@ void Run(const Workload& workload, int repetitions, size_t items) {
            {"dynamicEDT3D, lookup", look_up_dynamic},
            {"OpenCV distanceTransform, lookup", look_up_image}});
   DistanceFieldEditor editor({.max_distance_m = kDistance_m});
-  DistanceField field = editor.Update(map.Snapshot());
+  DistanceField field = editor.Update(map.View());
   const auto look_up_field = [&] {
     for (const Eigen::Vector2d& point_m : distances.points_m) sink = field.At(point_m).distance_m;
   };
@@ -302,7 +303,7 @@ void Run(const Workload& workload, int repetitions, size_t items) {
   });
   fmt::print("the field takes {:.2f} bytes a control point of the map\n",
              static_cast<double>(field.tiles().size() * sizeof(DistanceTile)) /
-                 static_cast<double>(map.Snapshot()->merged.size() * Tile::kSize));
+                 static_cast<double>(map.View()->tiles.size() * Tile::kSize));
 
   // Scan after scan; what is said of the grid is that it is there already.
   const DistancesQuery one{{workload.scans[0].world_T_sensor.position_m}, kDistance_m};
@@ -312,12 +313,12 @@ void Run(const Workload& workload, int repetitions, size_t items) {
   std::vector<double> image_s;
   for (size_t n = mapped; n < workload.scans.size(); ++n) {
     mapper.Insert(workload.scans[n]);
-    const auto snapshot = mapper.Snapshot();
+    const auto view = mapper.View();
     own_s.push_back(SecondsOf([&] {
-      map.Show(snapshot);
+      map.Use(view);
       sink = map.Ask(one)->distances[0].distance_m;
     }));
-    field_s.push_back(SecondsOf([&] { field = editor.Update(snapshot); }));
+    field_s.push_back(SecondsOf([&] { field = editor.Update(view); }));
     const Grid next(map, bounds_m);
     for (size_t k = 0; k < next.cells.size(); ++k) {
       const int x = static_cast<int>(k) % next.width;

@@ -12,6 +12,8 @@
 #include <string>
 #include <thread>
 
+#include "lcmtypes/splinemap/layer_status_t.hpp"
+#include "lcmtypes/splinemap/layers_t.hpp"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
 #include "tests/bench/fleet/robot_fleet.h"
@@ -63,7 +65,7 @@ class LayersHeard {
  public:
   explicit LayersHeard(LcmBus& bus) {
     bus.Subscribe("SPLINEMAP_LAYERS", [this](const std::string&, absl::Span<const uint8_t> m) {
-      if (const auto layers = DecodeLayers(m); layers.ok()) newest_ = *layers;
+      if (const auto layers = Decode<layers_t>(m); layers.ok()) newest_ = *layers;
     });
   }
   bool HasAny() const { return newest_.has_value(); }

@@ -2,12 +2,12 @@
 
 #include <chrono>
 #include <string>
-#include <variant>
 
 #include "fmt/format.h"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lib/config/config.h"
-#include "lib/map/tile_update.h"
-#include "lib/replication/channels.h"
+#include "lib/replication/replication_message.h"
+#include "lib/tiles/tile_codec.h"
 #include "lib/wire/decode.h"
 
 namespace splinemap::bench {
@@ -18,6 +18,7 @@ using std::chrono::milliseconds;
 constexpr milliseconds kScanInterval(100);
 constexpr milliseconds kTick(10);
 constexpr int kTicks = kScanInterval / kTick;
+constexpr const char* kPrefix = "SPLINEMAP";
 constexpr double kHeaderBytes = 8 + sizeof("SPLINEMAP_UPDATES");  // of LCM
 
 }  // namespace
@@ -25,7 +26,7 @@ constexpr double kHeaderBytes = 8 + sizeof("SPLINEMAP_UPDATES");  // of LCM
 RobotFleet::Robot::Robot(int number, const MapOptions& options, size_t first_scan)
     : map(options),
       layer(map.AddLayer({fmt::format("robot-{}", number), static_cast<uint64_t>(number) + 1},
-                         {1, 1})),
+                         {1, static_cast<uint64_t>(number) + 1})),
       publisher(layer.Snapshot(), options, {}),
       next_scan(first_scan) {}
 
@@ -38,12 +39,13 @@ RobotFleet::RobotFleet(int robots, const Workload& workload, LcmBus& bus)
     const size_t first_scan = workload.scans.size() * k / robots;
     robots_.push_back(std::make_unique<Robot>(k, options_, first_scan));
   }
-  bus_.Subscribe(std::string("SPLINEMAP") + kPullChannel,
+  bus_.Subscribe(ChannelOf(layer_pull_t(), kPrefix),
                  [this](const std::string&, absl::Span<const uint8_t> message) {
-                   const auto pull = DecodeLayerPull(message);
+                   const auto pull = Decode<layer_pull_t>(message);
                    if (!pull.ok()) return;
                    MutexLock lock(mutex_);
-                   for (const auto& robot : robots_) robot->publisher.TakePull(*pull, Clock::now());
+                   for (const auto& robot : robots_)
+                     robot->publisher.HandlePull(*pull, Clock::now());
                  });
   running_ = std::jthread([this](const std::stop_token& stop) { Run(stop); });
 }
@@ -59,7 +61,8 @@ void RobotFleet::Run(const std::stop_token& stop) {
       Robot& robot = *robots_[k];
       const bool is_due = round % kTicks == static_cast<int64_t>(k) % kTicks;
       if (is_due && !is_resting_) MapNextScan(robot);
-      Publish(robot.publisher.Tick(now));
+      robot.budget.Refill(now, robot.publisher.HasChanges(), robot.publisher.HasPulls());
+      Publish(robot.publisher.Tick(now, robot.budget));
     }
   }
 }
@@ -75,14 +78,11 @@ void RobotFleet::MapNextScan(Robot& robot) {
   robot.publisher.SetLayer(snapshot, Clock::now());
 }
 
-void RobotFleet::Publish(const std::vector<PublishedMessage>& messages) {
-  for (const PublishedMessage& message : messages) {
-    std::visit(
-        [&](const auto& m) {
-          totals_.bytes += static_cast<int64_t>(kHeaderBytes) + m.getEncodedSize();
-          bus_.Publish(std::string("SPLINEMAP") + ChannelOf(m), m);
-        },
-        message);
+void RobotFleet::Publish(const std::vector<ReplicationMessage>& messages) {
+  for (const ReplicationMessage& message : messages) {
+    const std::vector<uint8_t> bytes = EncodeReplication(message);
+    totals_.bytes += static_cast<int64_t>(kHeaderBytes) + std::ssize(bytes);
+    bus_.PublishBytes(ChannelOf(message, kPrefix), bytes);
     ++totals_.messages;
   }
 }

@@ -6,12 +6,13 @@
 #include <vector>
 
 #include "lib/base/mutex.h"
-#include "lib/map/map.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
-#include "lib/replication/levels_publisher.h"
+#include "lib/replication/byte_budget.h"
+#include "lib/replication/pyramid_publisher.h"
 #include "lib/wire/lcm_bus.h"
 #include "tests/bench/speed/workload.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::bench {
 
@@ -40,15 +41,17 @@ class RobotFleet {
   struct Robot {
     Robot(int number, const MapOptions& options, size_t first_scan);
 
-    Map map;
+    MapWriter map;
     Layer& layer;
-    LevelsPublisher publisher;
+    PyramidPublisher publisher;
+    ByteBudget budget{PublisherOptions().bytes_per_s};
     size_t next_scan;
   };
 
   void Run(const std::stop_token& stop);
   void MapNextScan(Robot& robot) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  void Publish(const std::vector<PublishedMessage>& messages) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void Publish(const std::vector<ReplicationMessage>& messages)
+      ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const Workload& workload_;
   LcmBus& bus_;

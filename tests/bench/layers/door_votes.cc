@@ -88,7 +88,7 @@ class Vote {
     const LayersOfRobots layers = robots_.Layers(situation_.others);
     for (size_t k = 0; k < schemes_.size(); ++k) {
       if (votes_[k].scans_all >= 0 && votes_[k].robots >= 0) continue;
-      const MapSnapshot map = Merge(layers, schemes_[k], keys_);
+      const MapView map = Merge(layers, schemes_[k], keys_);
       double agree = 0;
       for (const Eigen::Vector2d& point_m : points_m_) {
         const SurfaceSample sample = map.Evaluate(point_m.x(), point_m.y());

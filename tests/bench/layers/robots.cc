@@ -10,7 +10,7 @@ Robots::Robots(size_t count, double clamp)
     : model_(BeamModelOptionsOf(config::Method()), kKnotInterval_m) {
   limits_.max = static_cast<ControlPoint>(std::lround(clamp * kUnitsPerLogOdds));
   limits_.min = static_cast<ControlPoint>(-limits_.max);
-  for (size_t k = 0; k < count; ++k) layers_.emplace_back(LayerId{"robot", k}, LayerEpoch{1, 1});
+  for (size_t k = 0; k < count; ++k) layers_.emplace_back(LayerId{"robot", k}, SessionId{1, 1});
 }
 
 void Robots::AddScan(size_t robot, absl::Span<const PlacedBeam> beams) {

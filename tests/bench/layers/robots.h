@@ -3,7 +3,7 @@
 #include <deque>
 
 #include "absl/types/span.h"
-#include "lib/map/layer.h"
+#include "lib/layers/layer.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
 #include "lib/sensing/scan.h"

@@ -132,8 +132,8 @@ std::vector<std::vector<Scheme>> SchemesByClamp() {
   };
 }
 
-MapSnapshot Merge(const LayersOfRobots& layers, const Scheme& scheme,
-                  const std::vector<TileKey>& keys) {
+MapView Merge(const LayersOfRobots& layers, const Scheme& scheme,
+              const std::vector<TileKey>& keys) {
   const ControlLimits limits = Limits(scheme.merged_clamp);
   TileTreeEditor merged;
   std::vector<const Tile*> tiles;
@@ -156,10 +156,7 @@ MapSnapshot Merge(const LayersOfRobots& layers, const Scheme& scheme,
       tile.control_points[k] = ClampTouched(static_cast<int32_t>(std::lround(sum)), limits);
     }
   }
-  MapSnapshot map;
-  map.options = {kKnotInterval_m, limits};
-  map.merged = merged.Freeze();
-  return map;
+  return {.options = {kKnotInterval_m, limits}, .tiles = merged.Freeze()};
 }
 
 }  // namespace splinemap

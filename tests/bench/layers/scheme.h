@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "lib/map/map.h"
-#include "lib/map/tile.h"
-#include "lib/map/tile_tree.h"
+#include "lib/map/map_view.h"
+#include "lib/tiles/tile.h"
+#include "lib/tiles/tile_tree.h"
 
 namespace splinemap {
 
@@ -38,7 +38,7 @@ struct Scheme {
 std::vector<std::vector<Scheme>> SchemesByClamp();
 
 // The merged map; of `keys` alone where there are any.
-MapSnapshot Merge(const LayersOfRobots& layers, const Scheme& scheme,
-                  const std::vector<TileKey>& keys = {});
+MapView Merge(const LayersOfRobots& layers, const Scheme& scheme,
+              const std::vector<TileKey>& keys = {});
 
 }  // namespace splinemap

@@ -21,7 +21,7 @@ LayersOfRobots MapSplit(const Drive& drive, Split split, size_t count, double cl
   return robots.Layers(count - 1);
 }
 
-Judgement JudgeMap(const MapSnapshot& map, const Drive& drive) {
+Judgement JudgeMap(const MapView& map, const Drive& drive) {
   return Judge(
       [&](const Eigen::Vector2d& point_m) {
         const SurfaceSample sample = map.Evaluate(point_m.x(), point_m.y());

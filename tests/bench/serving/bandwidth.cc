@@ -1,13 +1,13 @@
 #include "tests/bench/serving/bandwidth.h"
 
 #include <chrono>
-#include <variant>
 
 #include "lib/config/config.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
-#include "lib/replication/levels_publisher.h"
+#include "lib/replication/pyramid_publisher.h"
 #include "tests/bench/serving/grid_messages.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::bench {
 namespace {
@@ -20,10 +20,10 @@ constexpr milliseconds kTick(10);  // of the daemon
 constexpr int kScansPerWholeGrid = 10;
 constexpr double kHeaderBytes = 8 + sizeof("SPLINEMAP_UPDATES");  // of LCM
 
-double BytesOf(const std::vector<PublishedMessage>& messages) {
+double BytesOf(const std::vector<ReplicationMessage>& messages) {
   double bytes = 0;
-  for (const PublishedMessage& message : messages) {
-    bytes += kHeaderBytes + std::visit([](const auto& m) { return m.getEncodedSize(); }, message);
+  for (const ReplicationMessage& message : messages) {
+    bytes += kHeaderBytes + static_cast<double>(EncodeReplication(message).size());
   }
   return bytes;
 }
@@ -34,11 +34,12 @@ Figures MeasureBandwidth(const Workload& workload) {
   const config::Method method;
   const MapOptions options = MapOptionsOf(method);
   const BeamModelOptions model_options = BeamModelOptionsOf(method);
-  Map map(options);
+  MapWriter map(options);
   Layer& layer = map.AddLayer({"bench", 1}, {1, 1});
   BeamModel model(model_options, options.knot_interval_m);
   ScanScratch scratch;
-  LevelsPublisher publisher(layer.Snapshot(), options, {});
+  PyramidPublisher publisher(layer.Snapshot(), options, {});
+  ByteBudget budget(PublisherOptions().bytes_per_s);
   GridMessages grid(BoundsOf(workload), options);
 
   double published = 0;
@@ -49,13 +50,13 @@ Figures MeasureBandwidth(const Workload& workload) {
   for (const RecordedScan& scan : workload.scans) {
     model.Accumulate(Place(scan), scratch);
     scratch.CommitTo(layer, options.limits);
-    const auto snapshot = map.Snapshot();
-    publisher.SetLayer(snapshot->layers[0], now);
+    publisher.SetLayer(layer.Snapshot(), now);
     for (auto passed = milliseconds(0); passed < kScanInterval; passed += kTick, now += kTick) {
-      published += BytesOf(publisher.Tick(now));
+      budget.Refill(now, publisher.HasChanges(), publisher.HasPulls());
+      published += BytesOf(publisher.Tick(now, budget));
     }
-    grid.Update(*snapshot);
-    const MessageBytes rectangle = grid.TakeChanged();
+    grid.Update(*map.View());
+    const MessageBytes rectangle = grid.DrainChanged();
     changed.raw += rectangle.raw;
     changed.zstd += rectangle.zstd;
     if (++scans % kScansPerWholeGrid == 0) {

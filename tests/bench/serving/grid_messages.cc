@@ -26,12 +26,12 @@ GridMessages::GridMessages(const Eigen::AlignedBox2d& bounds_m, const MapOptions
               (bounds_m.max() / cell_m_).array().ceil().cast<int>()),
       cells_((bounds_.sizes().array() + 1).prod(), kUnknown) {}
 
-void GridMessages::Update(const MapSnapshot& map) {
-  map.merged.ForEachChanged(std::exchange(epoch_, map.merged.epoch()),
-                            [&](TileKey key, const TileTree::Entry&) { UpdateTile(key, map); });
+void GridMessages::Update(const MapView& map) {
+  map.tiles.ForEachChanged(std::exchange(version_, map.tiles.version()),
+                           [&](TileKey key, const TileTree::Entry&) { UpdateTile(key, map); });
 }
 
-void GridMessages::UpdateTile(TileKey key, const MapSnapshot& map) {
+void GridMessages::UpdateTile(TileKey key, const MapView& map) {
   // A control point reaches two knot intervals.
   const Eigen::Vector2i corner(Tile::kSide * key.tx, Tile::kSide * key.ty);
   const Box box = Box(corner.array() - 2, corner.array() + Tile::kSide + 1).intersection(bounds_);
@@ -55,7 +55,7 @@ void GridMessages::UpdateTile(TileKey key, const MapSnapshot& map) {
   }
 }
 
-MessageBytes GridMessages::TakeChanged() { return Message(std::exchange(changed_, Box())); }
+MessageBytes GridMessages::DrainChanged() { return Message(std::exchange(changed_, Box())); }
 
 MessageBytes GridMessages::Message(const Box& box) const {
   if (box.isEmpty()) return {};

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 
 namespace splinemap::bench {
 
@@ -21,16 +21,16 @@ class GridMessages {
   GridMessages(const Eigen::AlignedBox2d& bounds_m, const MapOptions& options);
 
   // Brings the grid up to date.
-  void Update(const MapSnapshot& map);
+  void Update(const MapView& map);
 
   // A message with all cells from the first known one to the last, each way.
   MessageBytes Whole() const { return Message(known_); }
   // A message with the bounding box of what has changed since the last call; none if nothing has.
-  MessageBytes TakeChanged();
+  MessageBytes DrainChanged();
 
  private:
   using Box = Eigen::AlignedBox2i;
-  void UpdateTile(TileKey key, const MapSnapshot& map);
+  void UpdateTile(TileKey key, const MapView& map);
   MessageBytes Message(const Box& box) const;
 
   double cell_m_;
@@ -38,7 +38,7 @@ class GridMessages {
   std::vector<int8_t> cells_;
   Box known_;
   Box changed_;
-  uint64_t epoch_ = 0;  // of the tree of the last Update()
+  uint64_t version_ = 0;  // of the tree of the last Update()
 };
 
 }  // namespace splinemap::bench

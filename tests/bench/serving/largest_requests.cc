@@ -11,6 +11,7 @@
 #include "lib/base/clock.h"
 #include "lib/query/local_map.h"
 #include "lib/rpc/messages.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::bench {
 namespace {
@@ -25,9 +26,9 @@ double Uniform(std::mt19937_64& random, double min, double max) {
   return std::uniform_real_distribution<double>(min, max)(random);
 }
 
-std::shared_ptr<const MapSnapshot> RuggedMap(int tiles) {
+std::shared_ptr<const MapView> RuggedMap(int tiles) {
   std::mt19937_64 random(1);
-  Map map({kKnotInterval_m, {-2560, 2560}});
+  MapWriter map({kKnotInterval_m, {-2560, 2560}});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   layer.BeginCommit();
   for (int y = 0; y < tiles; ++y) {
@@ -37,7 +38,7 @@ std::shared_ptr<const MapSnapshot> RuggedMap(int tiles) {
       }
     }
   }
-  return map.Snapshot();
+  return map.View();
 }
 
 template <typename Query>
@@ -50,11 +51,11 @@ double Milliseconds(const LocalMap& map, const Query& query) {
 // Of the whole query, by the mean of some pieces, and of the slowest of them.
 template <typename Query>
 Figures::Competitor Measure(const std::string& name, const LocalMap& map, const Query& query) {
-  const std::vector<Piece> pieces = Cut(query);
+  const std::vector<Chunk> pieces = Split(query);
   double sum_ms = 0;
   double most_ms = 0;
   int measured = 0;
-  for (const Piece& piece : pieces) {
+  for (const Chunk& piece : pieces) {
     const auto asked = FromMessage(ToMessage(query, piece));
     if (!asked.ok()) continue;  // one sweep that is too large
     const double ms = Milliseconds(map, *asked);
@@ -90,11 +91,12 @@ Figures MeasureLargestRequests(int tiles) {
   LikelihoodsQuery scan{.hits_robot_m = points(2000), .world_T_robot = {}};
   scan.world_T_robot.resize(250);
   rows.push_back(Measure("250 poses of 2000 hits", map, scan));
-  RaysQuery rays{.rays = {}, .occupied_log_odds = kOccupied, .unknown = Unknown::kPasses};
+  RaysQuery rays{.rays = {}, .occupied_log_odds = kOccupied, .unknown = UnknownPolicy::kFree};
   for (int k = 0; k < 1843; ++k) rays.rays.push_back({point(), Uniform(random, -3, 3), 300});
   rows.push_back(Measure("1843 rays of 300 m", map, rays));
   for (const double radius_m : {0.0, 10.0}) {
-    SweepsQuery sweeps{.sweeps = {}, .occupied_log_odds = kOccupied, .unknown = Unknown::kPasses};
+    SweepsQuery sweeps{
+        .sweeps = {}, .occupied_log_odds = kOccupied, .unknown = UnknownPolicy::kFree};
     for (int k = 0; k < 1340; ++k) sweeps.sweeps.push_back({{point(), point()}, radius_m});
     rows.push_back(Measure(fmt::format("1340 sweeps of {} m radius", radius_m), map, sweeps));
   }

@@ -7,15 +7,17 @@
 #include <random>
 #include <thread>
 
-#include "clients/client/map_client.h"
-#include "clients/replica/map_replica.h"
 #include "lib/base/status.h"
+#include "lib/client/map_client.h"
 #include "lib/pipeline/mapper.h"
 #include "lib/query/local_map.h"
+#include "lib/replica/map_replica.h"
 #include "lib/rpc/messages.h"
 #include "lib/simulation/simulation.h"
 #include "lib/wire/encode.h"
+#include "lib/wire/lcm_bus.h"
 #include "tests/support/child_process.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/raw_message.h"
 #include "tests/support/temporary_directory.h"
 
@@ -115,9 +117,10 @@ class Forecast {
     uint64_t revision;
     std::vector<TileKey> tiles;
 
-    bool IsIn(const LayerSnapshot& layer) const {
+    // In the view of a map whose only layer this is, which has its tiles.
+    bool IsIn(const MapView& view) const {
       return std::all_of(tiles.begin(), tiles.end(),
-                         [&](TileKey key) { return layer.tiles.RevisionOf(key) >= revision; });
+                         [&](TileKey key) { return view.tiles.RevisionOf(key) >= revision; });
     }
   };
   Change Next(const Reading& reading) {
@@ -125,7 +128,7 @@ class Forecast {
     mapper_->HandleMessage("POSE", Encode(reading.pose));
     mapper_->HandleMessage("LASER", Encode(reading.scan));
     Change change{layer_->revision(), {}};
-    layer_->Snapshot().tiles.ForEachChanged(before.epoch(),
+    layer_->Snapshot().tiles.ForEachChanged(before.version(),
                                             [&](TileKey key, const TileTree::Entry& entry) {
                                               // What a scan leaves as it was is not published.
                                               const Tile* tile = before.Find(key);
@@ -137,7 +140,7 @@ class Forecast {
 
  private:
   config::Config config_;
-  Map map_{MapOptionsOf({})};
+  MapWriter map_{MapOptionsOf({})};
   Layer* layer_;
   std::unique_ptr<Mapper> mapper_;
 };
@@ -150,7 +153,7 @@ absl::StatusOr<std::vector<double>> TimeServing(const std::vector<Reading>& read
   SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow("", {}));
   const ChildProcess daemon({SPLINEMAPD_PROGRAM, "--config", folder.File("config"), "--map",
                              folder.File("map"), "--scan", "LASER", "--pose", "POSE"});
-  if (!Await([&] { return !replica->Snapshot()->layers.empty(); })) {
+  if (!Await([&] { return !replica->Layers().layers.empty(); })) {
     return Unavailable("no daemon");
   }
   Forecast forecast;
@@ -162,7 +165,7 @@ absl::StatusOr<std::vector<double>> TimeServing(const std::vector<Reading>& read
     bus->Publish("POSE", reading.pose);
     const auto begin = Clock::now();
     bus->Publish("LASER", reading.scan);
-    if (!Await([&] { return change.IsIn(replica->Snapshot()->layers[0]); })) {
+    if (!Await([&] { return change.IsIn(*replica->View()); })) {
       return Unavailable("a scan is not in the replica's map after {} s", kDeadline.count());
     }
     times_ms.push_back(MillisecondsSince(begin));
@@ -182,9 +185,9 @@ PointsQuery RandomPoints(size_t count) {
 
 // Of each piece of a query as many bytes as its request and its reply have, half of them each way.
 std::vector<RawMessage> MessagesLike(const PointsQuery& query) {
-  const LocalMap map(std::make_shared<const MapSnapshot>());
+  const LocalMap map(std::make_shared<const MapView>());
   std::vector<RawMessage> messages;
-  for (const Piece& piece : Cut(query)) {
+  for (const Chunk& piece : Split(query)) {
     const auto begin = query.points_m.begin();
     const PointsQuery part{{begin + piece.begin, begin + piece.end}};
     const size_t bytes =

@@ -7,7 +7,7 @@
 
 namespace splinemap::bench {
 
-// ms from publishing a scan until all that it changed is in a replica's snapshot, through a daemon
+// ms from publishing a scan until all that it changed is in a replica's view, through a daemon
 // of its own on the bus of LCM_DEFAULT_URL; beside it an echo of the same scans by another process.
 absl::StatusOr<Figures> MeasureLatency(int scans);
 

@@ -30,11 +30,11 @@ struct LargeMap {
 };
 
 void Grow(benchmark::State& state, const Workload& workload, LargeMap& map, bool take_snapshots) {
-  std::shared_ptr<const MapSnapshot> snapshot;
+  std::shared_ptr<const MapView> view;
   size_t n = 0;
   for (auto _ : state) {
     map.mapper.Insert(workload.scans[n]);
-    if (take_snapshots) snapshot = map.mapper.map().Snapshot();
+    if (take_snapshots) view = map.mapper.map().View();
     n = (n + 1) % workload.scans.size();
   }
   state.SetItemsProcessed(state.iterations());

@@ -1,6 +1,7 @@
 #include "tests/bench/speed/insertion.h"
 
 #include "tests/bench/speed/benchmarks.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::bench {
 
@@ -9,7 +10,7 @@ std::vector<SplineVariant> SplineVariants() {
 }
 
 void SplineMapper::Clear() {
-  map_ = Map({.knot_interval_m = kResolution_m, .limits = {}});
+  map_ = MapWriter({.knot_interval_m = kResolution_m, .limits = {}});
   layer_ = &map_.AddLayer({"bench", 1}, {1, 1});
 }
 
@@ -33,10 +34,10 @@ void RegisterInsertion(const Workload& workload) {
     // As for a subscriber of every commit.
     benchmark::RegisterBenchmark(
         (name + "_with_snapshots").c_str(), [&workload, make](benchmark::State& state) {
-          std::shared_ptr<const MapSnapshot> snapshot;
+          std::shared_ptr<const MapView> view;
           TimeInsertion(state, workload, make, [&](SplineMapper& mapper, size_t n) {
             mapper.Insert(workload.scans[n]);
-            snapshot = mapper.map().Snapshot();
+            view = mapper.map().View();
           });
         });
   }

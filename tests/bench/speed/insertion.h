@@ -6,10 +6,11 @@
 #include <string>
 #include <vector>
 
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
 #include "tests/bench/speed/workload.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::bench {
 
@@ -31,11 +32,11 @@ class SplineMapper {
   void Clear();
   void Insert(const RecordedScan& scan);
 
-  Map& map() { return map_; }
+  MapWriter& map() { return map_; }
   Layer& layer() { return *layer_; }
 
  private:
-  Map map_{{}};
+  MapWriter map_{{}};
   BeamModel model_;
   ScanScratch scratch_;
   std::vector<PlacedBeam> beams_;

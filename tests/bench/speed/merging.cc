@@ -1,4 +1,4 @@
-// The merged view of layers that are together far larger than the caches, beside a memcpy that
+// The sum of layers that are together far larger than the caches, beside a memcpy that
 // reads and writes as many bytes.
 #include <benchmark/benchmark.h>
 
@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "lib/map/merge_tiles.h"
+#include "lib/tiles/sum_tiles.h"
 #include "tests/bench/speed/benchmarks.h"
 #include "tests/support/random_map.h"
 
@@ -24,22 +24,22 @@ struct Layers {
     for (std::vector<Tile>& layer : tiles) {
       while (layer.size() < num_tiles) layer.push_back(contents[n++ % contents.size()]);
     }
-    merged.resize(num_tiles);
+    sums.resize(num_tiles);
   }
 
   int64_t bytes() const {
-    return static_cast<int64_t>((tiles.size() + 1) * merged.size() * sizeof(Tile));
+    return static_cast<int64_t>((tiles.size() + 1) * sums.size() * sizeof(Tile));
   }
 
   std::vector<std::vector<Tile>> tiles;
-  std::vector<Tile> merged;
+  std::vector<Tile> sums;
 };
 
-void Merge(Layers& layers) {
+void Sum(Layers& layers) {
   std::vector<const Tile*> tiles(layers.tiles.size());
-  for (size_t n = 0; n < layers.merged.size(); ++n) {
+  for (size_t n = 0; n < layers.sums.size(); ++n) {
     for (size_t k = 0; k < tiles.size(); ++k) tiles[k] = &layers.tiles[k][n];
-    layers.merged[n] = MergeTiles(tiles, {});
+    layers.sums[n] = SumTiles(tiles, {});
   }
 }
 
@@ -48,7 +48,7 @@ void RegisterMergingOf(size_t num_layers, size_t num_tiles) {
   const std::string name = "merging/" + std::to_string(num_layers) + "_layers/";
   benchmark::RegisterBenchmark((name + "splinemap").c_str(), [layers](benchmark::State& state) {
     for (auto _ : state) {
-      Merge(*layers);
+      Sum(*layers);
       benchmark::ClobberMemory();
     }
     state.SetBytesProcessed(state.iterations() * layers->bytes());

@@ -9,9 +9,10 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "lib/map/map.h"
+#include "lib/map/map_view.h"
 #include "tests/bench/speed/benchmarks.h"
 #include "tests/bench/speed/tile_square.h"
+#include "tests/support/map_writer.h"
 
 namespace splinemap::bench {
 namespace {
@@ -25,20 +26,20 @@ class QueryMap {
  public:
   explicit QueryMap(size_t num_tiles) : square_(num_tiles), map_({kResolution_m, {}}) {
     square_.CommitTo(map_.AddLayer({"bench", 1}, {1, 1}));
-    snapshot_ = map_.Snapshot();
-    snapshot_->merged.ForEach(
+    view_ = map_.View();
+    view_->tiles.ForEach(
         [&](TileKey, const TileTree::Entry& entry) { tiles_.push_back(entry.tile.get()); });
   }
 
-  const MapSnapshot& snapshot() const { return *snapshot_; }
+  const MapView& view() const { return *view_; }
   double half_width_m() const { return (square_.half() - 1) * Tile::kSide * kResolution_m; }
 
   const std::vector<const Tile*>& tiles() const { return tiles_; }
 
  private:
   TileSquare square_;
-  Map map_;
-  std::shared_ptr<const MapSnapshot> snapshot_;
+  MapWriter map_;
+  std::shared_ptr<const MapView> view_;
   std::vector<const Tile*> tiles_;
 };
 
@@ -100,16 +101,16 @@ void TimeBatches(benchmark::State& state, const std::vector<T>& all, Query query
   state.SetItemsProcessed(state.iterations() * static_cast<int64_t>(kBatch));
 }
 
-void EvaluateOneByOne(const MapSnapshot& snapshot, absl::Span<const Eigen::Vector2d> points) {
+void EvaluateOneByOne(const MapView& view, absl::Span<const Eigen::Vector2d> points) {
   for (const Eigen::Vector2d& point : points) {
-    SurfaceSample sample = snapshot.Evaluate(point.x(), point.y());
+    SurfaceSample sample = view.Evaluate(point.x(), point.y());
     benchmark::DoNotOptimize(sample);
   }
 }
 
-void EvaluateBatch(const MapSnapshot& snapshot, absl::Span<const Eigen::Vector2d> points) {
+void EvaluateBatch(const MapView& view, absl::Span<const Eigen::Vector2d> points) {
   static std::vector<SurfaceSample> samples(kBatch);
-  snapshot.EvaluateMany(points, absl::MakeSpan(samples));
+  view.EvaluateMany(points, absl::MakeSpan(samples));
   benchmark::DoNotOptimize(samples.data());
   benchmark::ClobberMemory();
 }
@@ -160,10 +161,10 @@ void RegisterQueries(size_t num_tiles) {
         name.c_str(), [all, query](benchmark::State& state) { TimeBatches(state, *all, query); });
   };
   const auto one_by_one = [map](absl::Span<const Eigen::Vector2d> points) {
-    EvaluateOneByOne(map->snapshot(), points);
+    EvaluateOneByOne(map->view(), points);
   };
   const auto batch_of = [map](absl::Span<const Eigen::Vector2d> points) {
-    EvaluateBatch(map->snapshot(), points);
+    EvaluateBatch(map->view(), points);
   };
   add("queries/random/single", random, one_by_one);
   add("queries/random/batched", random, batch_of);

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lib/map/layer.h"
+#include "lib/layers/layer.h"
 
 namespace splinemap::bench {
 

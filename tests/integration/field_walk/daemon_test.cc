@@ -12,10 +12,18 @@
 #include <thread>
 
 #include "absl/strings/str_replace.h"
-#include "lib/map/tile_update.h"
-#include "lib/replication/channels.h"
-#include "lib/replication/hash_index.h"
+#include "lcmtypes/splinemap/command_reply_t.hpp"
+#include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/layer_command_request_t.hpp"
+#include "lcmtypes/splinemap/layer_status_t.hpp"
+#include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/layers_t.hpp"
+#include "lcmtypes/splinemap/settings_t.hpp"
+#include "lcmtypes/splinemap/status_t.hpp"
+#include "lib/replication/hash_tree.h"
+#include "lib/replication/replication_message.h"
 #include "lib/store/map_file.h"
+#include "lib/tiles/tile_codec.h"
 #include "lib/wire/encode.h"
 #include "tests/integration/field_walk/variants.h"
 #include "tests/support/honest_owner.h"
@@ -49,20 +57,21 @@ class Site {
       heard_.emplace_back(message.begin(), message.end());
     };
     auto daemon = MemoryDaemon::Start(
-        config_, {kDigestChannel, kStandInChannel, kPullChannel, kControlChannel}, hear);
+        config_, {kDigestChannel, ChannelOf(layer_pull_t(), ""), ChannelOf(settings_t(), "")},
+        hear);
     EXPECT_TRUE(daemon.ok()) << daemon.status();
     daemon_ = *std::move(daemon);
     EXPECT_TRUE(Drive(5));
     EXPECT_TRUE(daemon_->Save().ok());
-    mapped_ = ReadMapFile(path)->map->layers.at(0).tiles;
+    mapped_ = ReadMapFile(path)->set.layers.at(0).tiles;
   }
 
   HonestOwner& owner() { return owner_; }
   MemoryDaemon& daemon() { return *daemon_; }
   LayerSnapshot own() {
     const layer_status_t own = OwnStatus();
-    return {{own.name, static_cast<uint64_t>(own.origin)},
-            {static_cast<uint64_t>(own.incarnation), static_cast<uint64_t>(own.nonce)},
+    return {{own.settings.name, static_cast<uint64_t>(own.settings.origin)},
+            {static_cast<uint64_t>(own.session_number), static_cast<uint64_t>(own.session_nonce)},
             static_cast<uint64_t>(own.revision),
             mapped_};
   }
@@ -79,8 +88,8 @@ class Site {
       heard.swap(heard_);
     }
     for (const auto& message : heard) owner_.Hear(message, Clock::now());
-    for (const PublishedMessage& said : owner_.Speak(Clock::now())) {
-      std::visit([&](const auto& m) { Publish(ChannelOf(m), Encode(m)); }, said);
+    for (const ReplicationMessage& said : owner_.Speak(Clock::now())) {
+      Publish(ChannelOf(said, ""), EncodeReplication(said));
     }
     std::this_thread::sleep_for(milliseconds(10));
   }
@@ -113,14 +122,15 @@ class Site {
     if (const absl::Status saved = daemon_->Save(); !saved.ok()) return TextOf(saved);
     const auto file = ReadMapFile(config_.map());
     if (const std::string wrong = WhatIsWrongWith(file); !wrong.empty()) return wrong;
-    const LayerSnapshot* own_layer = OwnLayer(*file->map);
+    const LayerSnapshot* own_layer = OwnLayer(file->set);
     if (own_layer == nullptr) return "the file lacks the own layer";
     if (HashOf(own_layer->tiles) != HashOf(mapped_)) return "the own layer has changed";
     if (!Drive(3)) return "the robot does not map any more";
     for (const char* command : {"mute", "unmute"}) {
-      const absl::Status decided = daemon_->Decide(command, own().id);
-      if (!decided.ok()) return "no decision can be made: " + TextOf(decided);
-      if ((OwnStatus().muted != 0) != (std::string(command) == "mute")) return "nobody obeys";
+      const absl::Status set = daemon_->Set(command, own().id);
+      if (!set.ok()) return "no setting can be changed: " + TextOf(set);
+      if ((OwnStatus().settings.muted != 0) != (std::string(command) == "mute"))
+        return "nobody obeys";
     }
     if (const absl::Status stopped = daemon_->Stop(); !stopped.ok()) return TextOf(stopped);
     return WhatIsWrongWith(ReadMapFile(config_.map()));
@@ -129,23 +139,20 @@ class Site {
  private:
   static std::string WhatIsWrongWith(const absl::StatusOr<LoadedMap>& loaded) {
     if (!loaded.ok()) return TextOf(loaded.status());
-    return loaded->damages.empty() ? "" : loaded->damages[0];
+    return loaded->corruption.empty() ? "" : loaded->corruption[0];
   }
 
   // Null where the file does not have it.
-  static const LayerSnapshot* OwnLayer(const MapSnapshot& map) {
-    const auto own =
-        std::find_if(map.layers.begin(), map.layers.end(),
-                     [&](const LayerSnapshot& layer) { return layer.id == map.own_layer; });
-    return own == map.layers.end() ? nullptr : &*own;
+  static const LayerSnapshot* OwnLayer(const LayerSet& set) {
+    return set.own_layer ? set.Find(*set.own_layer) : nullptr;
   }
 
   static uint64_t HashOf(const TileTree& tiles) {
-    HashIndex index;
+    HashTree hashes;
     tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-      index.Set(key, TileChecksum(key, *entry.tile));
+      hashes.Set(key, TileChecksum(key, *entry.tile));
     });
-    return index.hash();
+    return hashes.hash();
   }
 
   layer_status_t OwnStatus() { return daemon_->Layers().value().layers.at(0); }
@@ -157,7 +164,8 @@ class Site {
     for (const layer_status_t& layer : layers.layers) {
       if (layer.state != "live") continue;
       const bool is_owners =
-          LayerId{layer.name, static_cast<uint64_t>(layer.origin)} == owner_.life().id;
+          LayerId{layer.settings.name, static_cast<uint64_t>(layer.settings.origin)} ==
+          owner_.ref().id;
       is_live |= is_owners && static_cast<uint64_t>(layer.hash) == HashOf(owner_.truth().tiles);
       if (!is_owners && layer.num_tiles > 0) return "a layer without an owner is live";
     }
@@ -192,24 +200,23 @@ std::vector<Walk> Walks() {
   }
   walks.push_back({"layer_updates_t that nobody made",
                    [](Site& site) { return FalseUpdates(site.owner().truth(), 100); }});
-  walks.push_back({"control_records_t of another layer",
-                   [](Site& site) { return ControlRecords(site.owner().life().id, 1); }});
-  walks.push_back({"control_records_t of nobody", [](Site&) {
-                     return ControlRecords({"nobody", 1}, 1);
+  walks.push_back({"settings_t of another layer",
+                   [](Site& site) { return SettingsMessage(site.owner().ref().id, 1); }});
+  walks.push_back({"settings_t of nobody", [](Site&) {
+                     return SettingsMessage({"nobody", 1}, 1);
                    }});
   for (size_t k = 0; k < Queries(0).size(); ++k) {
     walks.push_back(
         {Queries(0)[k].type, [k](Site& site) { return Queries(site.daemon().nonce())[k]; }});
   }
   walks.push_back({"layer_command_request_t", [](Site& site) {
-                     return Decisions(site.owner().truth(), site.daemon().nonce())[4];
+                     return LayerCommands(site.owner().truth(), site.daemon().nonce())[4];
                    }});
   walks.push_back({"command_request_t", [](Site& site) {
-                     return Command("save", site.own().epoch.incarnation, site.daemon().nonce());
+                     return Command("save", site.own().session.number, site.daemon().nonce());
                    }});
   walks.push_back({"command_request_t for another daemon", [](Site& site) {
-                     return Command("clear", site.own().epoch.incarnation,
-                                    site.daemon().nonce() + 1);
+                     return Command("clear", site.own().session.number, site.daemon().nonce() + 1);
                    }});
   return walks;
 }

@@ -11,12 +11,13 @@
 #include <set>
 #include <thread>
 
-#include "lib/map/layer_union.h"
+#include "lib/layers/layer_union.h"
 #include "lib/store/map_file.h"
 #include "lib/store/records.pb.h"
 #include "services/splinemapd/daemon.h"
 #include "tests/integration/field_walk/variants.h"
 #include "tests/support/extremes.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"
 #include "tests/support/temporary_directory.h"
 
@@ -123,24 +124,24 @@ class FileWalkTest : public testing::Test {
  protected:
   FileWalkTest() {
     spdlog::set_level(spdlog::level::off);
-    Map map({0.05, {-2560, 2560}});
+    MapWriter map({0.05, {-2560, 2560}});
     std::mt19937_64 random(5);
-    LayerControls controls;
+    SettingsTable settings;
     for (const char* name : {"robot", "other"}) {
       Layer& layer = map.AddLayer({name, random()}, {3, random()});
       for (int n = 0; n < 4; ++n) {
         layer.BeginCommit();
         layer.EditTile(RandomKey(random, 3)) = RandomTile(random, map.options().limits);
       }
-      LayerControl control = controls.Next(layer.id(), 9);
-      control.yields = true;
-      controls.Take(layer.id(), control);
+      LayerSettings setting = settings.Next(layer.id(), 9);
+      setting.low_weight = true;
+      settings.Merge(layer.id(), setting);
     }
-    map.SetControls(controls);
+    map.SetSettings(settings);
     map.SetOwnLayer(map.layers()[0].id());
-    original_ = map.Snapshot();
+    original_ = map.Layers();
     auto file = *MapFile::Open(original_path_);
-    const auto saved = file.Save(*original_);
+    const auto saved = file.Save(original_);
     EXPECT_TRUE(saved.ok()) << saved.status();
     EXPECT_TRUE(file.Close().ok());
     original_database_ = std::make_unique<SQLite::Database>(original_path_);
@@ -160,12 +161,12 @@ class FileWalkTest : public testing::Test {
   std::string WhatIsWrong() {
     const auto loaded = ReadMapFile(path_);
     if (!loaded.ok()) return std::string(loaded.status().message());
-    if (loaded->damages.empty() && !HasAllTiles(*loaded->map)) return "tiles are gone, unsaid";
-    if (!OnlyHasTilesOfTheOriginal(*loaded->map)) return "it has wrong tiles";
+    if (loaded->corruption.empty() && !HasAllTiles(loaded->set)) return "tiles are gone, unsaid";
+    if (!OnlyHasTilesOfTheOriginal(loaded->set)) return "it has wrong tiles";
     auto file = *MapFile::Open(path_);
     const auto again = file.Load();
     if (!again.ok()) return "for writing: " + std::string(again.status().message());
-    if (const auto saved = file.Save(*again->map); !saved.ok()) {
+    if (const auto saved = file.Save(again->set); !saved.ok()) {
       return "it cannot be saved: " + std::string(saved.status().message());
     }
     return WhatIsWrongAfterASave(path_);
@@ -174,7 +175,7 @@ class FileWalkTest : public testing::Test {
   static std::string WhatIsWrongAfterASave(const std::string& path) {
     const auto mended = ReadMapFile(path);
     if (!mended.ok()) return "after the next save: " + std::string(mended.status().message());
-    return mended->damages.empty() ? "" : "after the next save: " + mended->damages[0];
+    return mended->corruption.empty() ? "" : "after the next save: " + mended->corruption[0];
   }
 
   static std::string WhatADaemonDoesWrong(const std::string& path) {
@@ -195,7 +196,7 @@ class FileWalkTest : public testing::Test {
 
   // Looks at the changed file, and keeps a copy for a daemon: of all, or of some where time is
   // short.
-  void LookAt(const std::string& change) {
+  void Check(const std::string& change) {
     const bool with_daemon = looked_at_++ % 16 == 0 || PairsOfValues() > 0;
     const ForDaemon copy{directory_.File(fmt::format("{}", looked_at_)), change};
     if (with_daemon) std::filesystem::copy_file(path_, copy.path);
@@ -219,19 +220,19 @@ class FileWalkTest : public testing::Test {
     for_daemons_.clear();
   }
 
-  bool HasAllTiles(const MapSnapshot& map) const {
+  bool HasAllTiles(const LayerSet& map) const {
     size_t tiles = 0;
     for (const LayerSnapshot& layer : map.layers) tiles += layer.tiles.size();
     size_t all = 0;
-    for (const LayerSnapshot& layer : original_->layers) all += layer.tiles.size();
+    for (const LayerSnapshot& layer : original_.layers) all += layer.tiles.size();
     return tiles == all;
   }
 
-  bool OnlyHasTilesOfTheOriginal(const MapSnapshot& map) const {
+  bool OnlyHasTilesOfTheOriginal(const LayerSet& map) const {
     bool only = true;
     for (const LayerSnapshot& layer : map.layers) {
       layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-        only = only && std::any_of(original_->layers.begin(), original_->layers.end(),
+        only = only && std::any_of(original_.layers.begin(), original_.layers.end(),
                                    [&](const LayerSnapshot& other) {
                                      const Tile* tile = other.tiles.Find(key);
                                      return tile != nullptr && *tile == *entry.tile;
@@ -270,7 +271,7 @@ class FileWalkTest : public testing::Test {
       put.bind(1, bytes.data(), static_cast<int>(bytes.size()));
       put.exec();
       put.reset();
-      LookAt(fmt::format("{} record {}, {} = {}", table, row, setters[k].field, setters[k].value));
+      Check(fmt::format("{} record {}, {} = {}", table, row, setters[k].field, setters[k].value));
       fields.insert(setters[k].field);
       ++values;
     }
@@ -288,7 +289,7 @@ class FileWalkTest : public testing::Test {
   size_t looked_at_ = 0;
   const std::string original_path_ = directory_.File("original");
   const std::string path_ = directory_.File("robot.splinemap");
-  std::shared_ptr<const MapSnapshot> original_;
+  LayerSet original_;
   std::unique_ptr<SQLite::Database> original_database_;
 };
 
@@ -333,7 +334,7 @@ TEST_F(FileWalkTest, NoColumnOfATableCostsTheFile) {
       put.reset();
       taken.insert(column);
       tally.Add(0, 1);
-      LookAt(fmt::format("{}.{} = {}", table, column, text));
+      Check(fmt::format("{}.{} = {}", table, column, text));
     }
     tally.Add(taken.size(), 0);
   }

@@ -1,20 +1,25 @@
-// Every field of what owners, followers and those who decide say, to its extremes, on a bus of an
-// honest owner, a follower that keeps layers as daemons do, and one that does not. In a time of its
-// own.
+// Every field of what owners, followers and those who change settings say, to its extremes, on a
+// bus of an honest owner, a follower that keeps layers as daemons do, and one that does not. In a
+// time of its own.
 #include <gtest/gtest.h>
 
 #include <map>
 #include <ostream>
+#include <tuple>
 
 #include "absl/strings/escaping.h"
 #include "fmt/format.h"
-#include "lib/following/map_follower.h"
-#include "lib/replication/channels.h"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_listing_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/settings_t.hpp"
+#include "lib/replication/map_follower.h"
 #include "lib/store/map_file.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "tests/integration/field_walk/variants.h"
 #include "tests/support/honest_owner.h"
+#include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"
 #include "tests/support/temporary_directory.h"
 #include "tests/support/valid_messages.h"
@@ -26,6 +31,7 @@ using std::chrono::seconds;
 using Bytes = std::vector<uint8_t>;
 
 constexpr MapOptions kOptions{0.05, {-2560, 2560}};
+constexpr int64_t kSomebody = 99;
 
 bool HaveSameTiles(const TileTree& a, const TileTree& b) {
   bool same = a.size() == b.size();
@@ -36,12 +42,11 @@ bool HaveSameTiles(const TileTree& a, const TileTree& b) {
   return same;
 }
 
-Keeper KeeperOptions(const LayerId& own) {
-  Keeper keeper;
+KeeperOptions OptionsOf(const LayerId& own) {
+  KeeperOptions keeper;
   keeper.map_options = kOptions;
   keeper.own_layer = own;
-  keeper.daemon_nonce = 77;
-  keeper.own_incarnation = 1;
+  keeper.own_session_number = 1;
   return keeper;
 }
 
@@ -49,17 +54,17 @@ class World {
  public:
   World()
       : owner_("owner", kOptions, 1),
-        keeper_({}, KeeperOptions(Kept()->layers[0].id), *Kept(), 2, now_),
+        keeper_({}, OptionsOf(Kept().layers[0].id), Kept(), 77, now_),
         client_({}, 3) {
-    keeper_.Decide(gone().id, keeper_.controls().Next(gone().id, 5));
+    keeper_.Set(gone().id, keeper_.settings().Next(gone().id, 5));
     Run(seconds(10));
   }
 
   // The layer of the keeper, and one whose owner is silent.
-  static const std::shared_ptr<const MapSnapshot>& Kept() {
-    static const std::shared_ptr<const MapSnapshot> kKept = [] {
+  static const LayerSet& Kept() {
+    static const LayerSet kKept = [] {
       std::mt19937_64 random(7);
-      Map map(kOptions);
+      MapWriter map(kOptions);
       for (const char* name : {"keeper", "gone"}) {
         Layer& layer = map.AddLayer({name, random()}, {1, random()});
         layer.BeginCommit();
@@ -67,24 +72,22 @@ class World {
         layer.EditTile({2, -1}) = RandomTile(random, kOptions.limits);
       }
       map.SetOwnLayer(map.layers()[0].id());
-      return map.Snapshot();
+      return map.Layers();
     }();
     return kKept;
   }
-  static const LayerSnapshot& gone() { return Kept()->layers[1]; }
+  static const LayerSnapshot& gone() { return Kept().layers[1]; }
 
   // All talk, and the owner maps, for so long.
   void Run(milliseconds time, bool maps = true) {
     for (const auto end = now_ + time; now_ < end; now_ += milliseconds(50)) {
       if (maps && ++ticks_ % 10 == 0) owner_.Map(now_);
       if (ticks_ % 4 == 0) Deliver(RootPull());  // so that there are listings
-      for (const PublishedMessage& said : owner_.Speak(now_)) {
-        std::visit([&](const auto& m) { Say(m); }, said);
-      }
-      for (MapFollower* follower : {&keeper_, &client_}) {
-        for (const MapFollower::Message& said : follower->Tick(now_)) {
-          std::visit([&](const auto& m) { Say(m); }, said);
-        }
+      for (const ReplicationMessage& said : owner_.Speak(now_)) Say(said);
+      for (const auto& [follower, budget] :
+           {std::pair{&keeper_, &keepers_budget_}, {&client_, &clients_budget_}}) {
+        budget->Refill(now_, false, follower->HasPulls());
+        for (const ReplicationMessage& said : follower->Tick(now_, *budget)) Say(said);
       }
       for (const Bytes& message : std::exchange(said_, {})) Deliver(message);
     }
@@ -92,20 +95,21 @@ class World {
 
   void Deliver(const Bytes& message) {
     owner_.Hear(message, now_);
-    keeper_.HandleMessage(message, now_);
-    client_.HandleMessage(message, now_);
+    keeper_.HandleBytes(message, now_);
+    client_.HandleBytes(message, now_);
   }
 
-  // The last that was said of a layer; empty where nothing was.
+  // The last that its owner, or a proxy, said of a layer; empty where nothing was.
   template <typename Message>
-  Bytes Heard(const LayerId& id) const {
-    const auto heard = heard_.find({ChannelOf(Message{}), id});
+  Bytes Heard(const LayerId& id, bool is_owners = true) const {
+    const auto heard = heard_.find({ChannelOf(Message{}, ""), id, is_owners});
     return heard == heard_.end() ? Bytes() : heard->second;
   }
 
   Bytes RootPull() const {
     layer_pull_t pull;
-    pull.layer = ToMessage(owner_.life());
+    pull.speaker = kSomebody;
+    pull.layer = ToMessage(owner_.ref());
     pull.num_nodes = 2;
     pull.levels = {1, 0};
     pull.xs = {0, 0};
@@ -113,8 +117,8 @@ class World {
     return Encode(pull);
   }
 
-  Bytes Records(const LayerId& id) const {
-    return ControlRecords(id, keeper_.controls().greatest_counter() + 1).bytes;
+  Bytes Settings(const LayerId& id) const {
+    return SettingsMessage(id, keeper_.settings().greatest_counter() + 1).bytes;
   }
 
   // What is wrong some time after the last hostile message; empty where nothing is.
@@ -126,44 +130,43 @@ class World {
         return fmt::format("{}: {}", who, wrong);
       }
     }
-    if (const std::string wrong = WhatIsUndecided(); !wrong.empty()) return wrong;
+    if (const std::string wrong = WhatIsNotSet(); !wrong.empty()) return wrong;
     return WhatIsUnreadable(file, path);
   }
 
   HonestOwner& owner() { return owner_; }
 
  private:
-  template <typename Message>
-  void Say(const Message& message) {
-    said_.push_back(Encode(message));
-    if constexpr (std::is_same_v<Message, control_records_t>) {
-      heard_[{ChannelOf(message), LayerId{}}] = said_.back();
-    } else if constexpr (std::is_same_v<Message, stand_in_digest_t>) {
-      heard_[{ChannelOf(message), FromMessage(message.digest.layer).id}] = said_.back();
-    } else {
-      heard_[{ChannelOf(message), FromMessage(message.layer).id}] = said_.back();
-    }
+  void Say(const ReplicationMessage& message) {
+    said_.push_back(EncodeReplication(message));
+    const auto remember = [&](const auto& said) {
+      if constexpr (requires { said.layer; }) {
+        const LayerRef ref = FromMessage(said.layer);
+        const bool is_owners = SpeakerOf(message) == ref.session.nonce;
+        heard_[{ChannelOf(message, ""), ref.id, is_owners}] = said_.back();
+      }
+    };
+    std::visit(remember, message);
   }
 
-  // Where it says that a layer is in sync, it has what its owner published; and the layer of an
-  // owner that is there is in sync.
+  // Where it says that a layer is caught up, it has what its owner published; and the layer of an
+  // owner that is there is caught up.
   std::string WhatIsFalse(MapFollower& follower) {
     bool has_owners = false;
-    const std::vector<LayerSnapshot> shown = follower.LayerSnapshots();
-    for (const FollowedLayer& layer : follower.Layers(now_)) {
-      const auto snapshot = std::find_if(shown.begin(), shown.end(),
-                                         [&](const auto& other) { return other.id == layer.id; });
-      const bool is_owners = layer.id == owner_.life().id;
+    const LayerSet shown = follower.Layers();
+    for (const FollowedLayer& layer : follower.FollowedLayers(now_)) {
+      const LayerSnapshot* snapshot = shown.Find(layer.id);
+      const bool is_owners = layer.id == owner_.ref().id;
       has_owners |= is_owners;
-      if (is_owners && (!layer.in_sync || layer.owner_is_silent)) {
+      if (is_owners && (!layer.caught_up || layer.owner_is_silent)) {
         return "the layer of an owner that speaks is not live";
       }
-      if (!layer.in_sync) continue;
+      if (!layer.caught_up) continue;
       if (is_owners               ? !HaveSameTiles(snapshot->tiles, owner_.truth().tiles)
           : layer.id == gone().id ? !HaveSameTiles(snapshot->tiles, gone().tiles)
                                   : !owner_.HasMapped(layer.id, snapshot->tiles)) {
         return fmt::format(
-            "layer {} of {} tiles is said to be in sync, and its owner never "
+            "layer {} of {} tiles is said to be caught up, and its owner never "
             "published that",
             absl::CHexEscape(layer.id.name.substr(0, 20)), snapshot->tiles.size());
       }
@@ -171,40 +174,35 @@ class World {
     return has_owners ? "" : "the layer of an owner that speaks is not followed";
   }
 
-  // What somebody decides now holds for all.
-  std::string WhatIsUndecided() {
-    const LayerId id = owner_.life().id;
+  // What somebody sets now holds for all.
+  std::string WhatIsNotSet() {
+    const LayerId id = owner_.ref().id;
     for (const bool muted : {true, false}) {
-      LayerControl control = keeper_.controls().Next(id, 77);
-      control.muted = muted;
-      keeper_.Decide(id, control);
+      LayerSettings setting = keeper_.settings().Next(id, 77);
+      setting.muted = muted;
+      keeper_.Set(id, setting);
       Run(seconds(4), /*maps=*/false);
-      if (keeper_.controls().Of(id).muted != muted) return "no decision can be made";
-      if (client_.controls().Of(id).muted != muted) return "a decision does not reach the client";
+      if (keeper_.settings().Of(id).muted != muted) return "no setting can be changed";
+      if (client_.settings().Of(id).muted != muted) return "a setting does not reach the client";
     }
     return "";
   }
 
   std::string WhatIsUnreadable(MapFile& file, const std::string& path) {
-    MapSnapshot map;
-    map.options = kOptions;
-    map.own_layer = Kept()->layers[0].id;
-    map.layers = keeper_.LayerSnapshots();
-    map.layers.insert(map.layers.begin(), Kept()->layers[0]);
-    map.controls = keeper_.controls();
-    const auto left_out = file.Save(map);
+    LayerSet set = keeper_.Layers();
+    set.own_layer = Kept().layers[0].id;
+    set.layers.insert(set.layers.begin(), Kept().layers[0]);
+    const auto left_out = file.Save(set);
     if (!left_out.ok()) return std::string(left_out.status().message());
     if (!left_out->empty()) return left_out->front();
     const auto loaded = ReadMapFile(path);
     if (!loaded.ok()) return std::string(loaded.status().message());
-    if (!loaded->damages.empty()) return loaded->damages[0];
-    if (loaded->map->controls != map.controls) return "the file has other decisions";
-    if (loaded->map->layers.size() != map.layers.size()) return "the file has other layers";
-    for (const LayerSnapshot& layer : map.layers) {
-      const auto saved =
-          std::find_if(loaded->map->layers.begin(), loaded->map->layers.end(),
-                       [&](const LayerSnapshot& other) { return other.id == layer.id; });
-      if (saved == loaded->map->layers.end() || saved->epoch != layer.epoch ||
+    if (!loaded->corruption.empty()) return loaded->corruption[0];
+    if (loaded->set.settings != set.settings) return "the file has other settings";
+    if (loaded->set.layers.size() != set.layers.size()) return "the file has other layers";
+    for (const LayerSnapshot& layer : set.layers) {
+      const LayerSnapshot* saved = loaded->set.Find(layer.id);
+      if (saved == nullptr || saved->session != layer.session ||
           saved->revision != layer.revision || !HaveSameTiles(saved->tiles, layer.tiles)) {
         return "the file has another layer";
       }
@@ -216,9 +214,11 @@ class World {
   HonestOwner owner_;
   MapFollower keeper_;
   MapFollower client_;
+  ByteBudget keepers_budget_{PublisherOptions().bytes_per_s};
+  ByteBudget clients_budget_{PublisherOptions().bytes_per_s};
   int ticks_ = 0;
   std::vector<Bytes> said_;
-  std::map<std::pair<std::string, LayerId>, Bytes> heard_;
+  std::map<std::tuple<std::string, LayerId, bool>, Bytes> heard_;  // by channel, layer, whose
 };
 
 using MakeMessage = Bytes (*)(World&);
@@ -260,25 +260,30 @@ TEST_P(ProtocolWalkTest, NoFieldHarmsWhatFollowersHaveAndSay) {
 INSTANTIATE_TEST_SUITE_P(
     , ProtocolWalkTest,
     testing::Values(
-        Walk{"Digest", [](World& w) { return w.Heard<layer_digest_t>(w.owner().life().id); }},
+        Walk{"Digest", [](World& w) { return w.Heard<layer_digest_t>(w.owner().ref().id); }},
         Walk{"DigestOfASilentOwner",
              [](World& w) {
-               const auto said = DecodeStandInDigest(w.Heard<stand_in_digest_t>(World::gone().id));
-               return said.ok() ? Encode(said->digest) : Bytes();
+               auto said = Decode<layer_digest_t>(
+                   w.Heard<layer_digest_t>(World::gone().id, /*is_owners=*/false));
+               if (!said.ok()) return Bytes();
+               said->speaker = said->layer.session_nonce;
+               return Encode(*said);
              }},
-        Walk{"StandInDigest",
-             [](World& w) { return w.Heard<stand_in_digest_t>(World::gone().id); }},
+        Walk{"DigestOfAProxy",
+             [](World& w) {
+               return w.Heard<layer_digest_t>(World::gone().id, /*is_owners=*/false);
+             }},
         Walk{"Updates", [](World& w) { return FalseUpdates(w.owner().truth(), 100).bytes; }},
         Walk{"UpdatesBeyondTheClamps",
              [](World& w) { return FalseUpdates(w.owner().truth(), 3000).bytes; }},
         Walk{"UpdatesOfASilentOwner",
              [](World&) { return FalseUpdates(World::gone(), 100).bytes; }},
-        Walk{"Listing", [](World& w) { return w.Heard<layer_listing_t>(w.owner().life().id); }},
+        Walk{"Listing", [](World& w) { return w.Heard<layer_listing_t>(w.owner().ref().id); }},
         Walk{"Pull", [](World& w) { return w.RootPull(); }},
-        Walk{"ControlRecords", [](World& w) { return w.Records(w.owner().life().id); }},
-        Walk{"ControlRecordsOfNobody",
+        Walk{"Settings", [](World& w) { return w.Settings(w.owner().ref().id); }},
+        Walk{"SettingsOfNobody",
              [](World& w) {
-               return w.Records({"nobody", 1});
+               return w.Settings({"nobody", 1});
              }}),
     [](const auto& walk) { return walk.param.name; });
 

@@ -5,11 +5,15 @@
 #include <functional>
 #include <ostream>
 
-#include "clients/client/pending_query.h"
-#include "clients/client/request_flow.h"
+#include "lcmtypes/splinemap/command_reply_t.hpp"
+#include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/reply_t.hpp"
 #include "lib/base/clock.h"
+#include "lib/client/pending_query.h"
+#include "lib/client/request_flow.h"
 #include "lib/query/local_map.h"
 #include "lib/rpc/answer.h"
+#include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "tests/integration/field_walk/variants.h"
 #include "tests/support/queries.h"
@@ -61,23 +65,23 @@ class Asking {
   // The requests that wait, and what the daemon replies to them.
   std::vector<Bytes> Requests() {
     std::vector<Bytes> requests;
-    for (auto& outgoing : flow_.TakeOutgoing()) requests.push_back(std::move(outgoing.bytes));
+    for (auto& outgoing : flow_.DrainOutgoing()) requests.push_back(std::move(outgoing.bytes));
     return requests;
   }
   static Bytes Reply(const Bytes& request) {
-    const auto head = RequestHeadOf(request);
-    if (!head || (head->daemon_nonce != 0 && head->daemon_nonce != kNonce)) return {};
+    const auto header = RequestHeaderOf(request);
+    if (!header || (header->daemon_nonce != 0 && header->daemon_nonce != kNonce)) return {};
     reply_t reply{};
-    reply.id = head->id;
+    reply.id = header->id;
     reply.name = "robot";
     reply.daemon_nonce = kNonce;
-    reply.incarnation = 1;
+    reply.session_number = 1;
     const MessageType type = *TypeOf(request);
     if (type != MessageType::kCommandRequest && type != MessageType::kLayerCommandRequest) {
       return AnswerRequest(request, TheMap(), reply);
     }
     command_reply_t done;
-    done.head = reply;
+    done.header = reply;
     return Encode(done);
   }
 
@@ -88,7 +92,7 @@ class Asking {
     for (const auto end = now_ + time; now_ < end; now_ += milliseconds(20)) {
       flow_.Tick(now_);
       for (const Bytes& request : Requests()) Hear(Reply(request));
-      for (const auto& [request, status] : flow_.TakeFinished()) request->Finish(status);
+      for (const auto& [request, status] : flow_.DrainFinished()) request->Finish(status);
     }
   }
 

@@ -8,7 +8,7 @@
 #include "absl/strings/match.h"
 #include "absl/strings/str_replace.h"
 #include "fmt/core.h"
-#include "lib/wire/decode.h"
+#include "lib/wire/message_type.h"
 
 namespace splinemap {
 namespace {

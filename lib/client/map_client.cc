@@ -1,0 +1,262 @@
+#include "lib/client/map_client.h"
+
+#include <algorithm>
+#include <atomic>
+#include <future>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/layer_command_request_t.hpp"
+#include "lib/base/clock.h"
+#include "lib/base/mutex.h"
+#include "lib/base/random.h"
+#include "lib/base/status.h"
+#include "lib/client/pending_query.h"
+#include "lib/client/request_flow.h"
+#include "lib/wire/lcm_bus.h"
+
+namespace splinemap {
+namespace {
+
+// How exact deadlines and pauses are. Messages do not wait for it.
+constexpr std::chrono::milliseconds kTick(10);
+constexpr std::chrono::milliseconds kIdle(1000);
+// So that points of time can be computed.
+constexpr std::chrono::milliseconds kLongestDeadline = std::chrono::hours(24 * 365);
+
+size_t NumItems(const PointsQuery& query) { return query.points_m.size(); }
+size_t NumItems(const RaysQuery& query) { return query.rays.size(); }
+size_t NumItems(const SweepsQuery& query) { return query.sweeps.size(); }
+size_t NumItems(const RasterQuery&) { return 0; }  // which Check() limits
+size_t NumItems(const LikelihoodsQuery& query) { return query.world_T_robot.size(); }
+size_t NumItems(const DistancesQuery& query) { return query.points_m.size(); }
+
+template <typename Query>
+absl::Status CheckAll(const Query& query) {
+  if (NumItems(query) > MapClient::kMaxItems) {
+    return InvalidArgument("a query of {} {}; {} are allowed over LCM", NumItems(query),
+                           Rpc<Query>::kName, MapClient::kMaxItems);
+  }
+  return Check(query);
+}
+
+}  // namespace
+
+class MapClient::Impl {
+ public:
+  Impl(std::unique_ptr<LcmBus> bus, const ClientOptions& options);
+  ~Impl();
+
+  absl::Status AwaitDaemon();
+  RequestId Add(std::unique_ptr<PendingRequest> request, std::chrono::milliseconds deadline);
+  std::unique_ptr<PendingRequest> Remove(RequestId id) {
+    MutexLock lock(mutex_);
+    return flow_.Remove(id);
+  }
+  template <typename Request>
+  absl::Status Command(Request request, std::chrono::milliseconds deadline);
+  DaemonIdentity daemon() {
+    MutexLock lock(mutex_);
+    return *flow_.daemon();
+  }
+  std::chrono::milliseconds deadline() const { return deadline_; }
+
+ private:
+  void Run(const std::stop_token& stop);
+  void Publish(const std::vector<RequestFlow::Outgoing>& outgoing) const;
+  void Deliver();
+
+  const std::unique_ptr<LcmBus> bus_;
+  const std::chrono::milliseconds deadline_;
+  Mutex mutex_;
+  RequestFlow flow_ ABSL_GUARDED_BY(mutex_);
+  ConditionVariable found_;
+  std::atomic<bool> is_idle_ = false;
+  std::jthread running_;
+};
+
+MapClient::Impl::Impl(std::unique_ptr<LcmBus> bus, const ClientOptions& options)
+    : bus_(std::move(bus)),
+      deadline_(options.deadline),
+      flow_(options.channel_prefix, options.robot, RandomId()) {
+  {
+    MutexLock lock(mutex_);
+    bus_->Subscribe(flow_.ReplyChannel(),
+                    [this](const std::string&, absl::Span<const uint8_t> message) {
+                      MutexLock inner_lock(mutex_);
+                      flow_.HandleMessage(message, Clock::now());
+                    });
+    flow_.Seek(Clock::now());
+  }
+  running_ = std::jthread([this](const std::stop_token& stop) { Run(stop); });
+}
+
+MapClient::Impl::~Impl() {
+  running_.request_stop();
+  running_.join();
+  {
+    MutexLock lock(mutex_);
+    flow_.CancelAll();
+  }
+  Deliver();
+}
+
+absl::Status MapClient::Impl::AwaitDaemon() {
+  std::unique_lock lock(mutex_);
+  const bool is_found =
+      found_.wait_for(lock, deadline_, [this] { return flow_.daemon().has_value(); });
+  if (is_found) return absl::OkStatus();
+  const std::string problem = bus_->Problem();
+  return problem.empty() ? absl::DeadlineExceededError(flow_.WhyNoDaemon())
+                         : absl::UnavailableError(problem);
+}
+
+void MapClient::Impl::Run(const std::stop_token& stop) {
+  const std::stop_callback wake(stop, [this] { bus_->Wake(); });
+  Clock::time_point last_pending = Clock::now();
+  while (!stop.stop_requested()) {
+    {
+      MutexLock lock(mutex_);
+      flow_.Tick(Clock::now());
+      if (flow_.daemon()) found_.notify_all();
+      if (!flow_.daemon() || flow_.num_pending() > 0) last_pending = Clock::now();
+    }
+    Deliver();
+    is_idle_ = Clock::now() - last_pending > kIdle;
+    bus_->Handle(is_idle_ ? kIdle : kTick);
+  }
+}
+
+void MapClient::Impl::Publish(const std::vector<RequestFlow::Outgoing>& outgoing) const {
+  for (const auto& message : outgoing) bus_->PublishBytes(message.channel, message.bytes);
+}
+
+void MapClient::Impl::Deliver() {
+  std::vector<RequestFlow::Outgoing> outgoing;
+  std::vector<RequestFlow::Finished> finished;
+  {
+    MutexLock lock(mutex_);
+    outgoing = flow_.DrainOutgoing();
+    finished = flow_.DrainFinished();
+  }
+  Publish(outgoing);
+  const std::string problem = bus_->Problem();
+  for (const auto& [request, status] : finished) {
+    const bool is_bus = absl::IsDeadlineExceeded(status) && !problem.empty();
+    request->Finish(is_bus ? absl::UnavailableError(problem) : status);
+  }
+}
+
+MapClient::RequestId MapClient::Impl::Add(std::unique_ptr<PendingRequest> request,
+                                          std::chrono::milliseconds deadline) {
+  RequestId id = 0;
+  std::vector<RequestFlow::Outgoing> outgoing;
+  {
+    MutexLock lock(mutex_);
+    if (flow_.num_pending() < RequestFlow::kMaxRequests) {
+      const auto now = Clock::now();
+      id = flow_.Start(std::move(request), now + std::min(deadline, kLongestDeadline), now);
+      outgoing = flow_.DrainOutgoing();
+    }
+  }
+  if (request) {
+    request->Finish(absl::ResourceExhaustedError(
+        fmt::format("{} requests are under way", RequestFlow::kMaxRequests)));
+  }
+  Publish(outgoing);
+  if (is_idle_) bus_->Wake();  // it looks after deadlines now
+  return id;
+}
+
+template <typename Request>
+absl::Status MapClient::Impl::Command(Request request, std::chrono::milliseconds deadline) {
+  std::promise<absl::Status> promise;
+  std::future<absl::Status> status = promise.get_future();
+  Add(std::make_unique<PendingCommand<Request>>(
+          std::move(request), [&promise](absl::Status s) { promise.set_value(s); }),
+      deadline);
+  return status.get();
+}
+
+absl::StatusOr<std::unique_ptr<MapClient>> MapClient::Connect(const std::string& url,
+                                                              ClientOptions options) {
+  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(url));
+  std::unique_ptr<MapClient> client(new MapClient(std::make_unique<Impl>(std::move(bus), options)));
+  SPLINEMAP_RETURN_IF_ERROR(client->impl_->AwaitDaemon());
+  return client;
+}
+
+MapClient::MapClient(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+MapClient::~MapClient() = default;
+
+template <typename Query>
+MapClient::RequestId MapClient::Start(
+    Query query, std::chrono::milliseconds deadline,
+    std::function<void(absl::StatusOr<typename Query::Answer>)> done) const {
+  if (absl::Status status = CheckAll(query); !status.ok()) {
+    done(std::move(status));
+    return 0;
+  }
+  return impl_->Add(std::make_unique<PendingQuery<Query>>(std::move(query), std::move(done)),
+                    deadline);
+}
+
+void MapClient::Cancel(RequestId id) const {
+  if (const auto request = impl_->Remove(id)) {
+    request->Finish(absl::CancelledError("cancelled by the caller"));
+  }
+}
+
+absl::StatusOr<AnyAnswer> MapClient::AskAny(const AnyQuery& query) const {
+  std::promise<absl::StatusOr<AnyAnswer>> promise;
+  std::visit(
+      [&](const auto* q) {
+        using Answer = typename std::remove_cvref_t<decltype(*q)>::Answer;
+        Start(*q, impl_->deadline(),
+              [&promise](absl::StatusOr<Answer> answer) { promise.set_value(std::move(answer)); });
+      },
+      query);
+  return promise.get_future().get();
+}
+
+absl::Status MapClient::Save(std::chrono::milliseconds deadline) {
+  command_request_t request;
+  request.command = "save";
+  request.session_number = static_cast<int64_t>(daemon().session_number);
+  return impl_->Command(std::move(request), deadline);
+}
+
+absl::Status MapClient::Clear(std::chrono::milliseconds deadline) {
+  command_request_t request;
+  request.command = "clear";
+  request.session_number = static_cast<int64_t>(daemon().session_number);
+  return impl_->Command(std::move(request), deadline);
+}
+
+absl::Status MapClient::Set(const LayerChange& change, std::chrono::milliseconds deadline) {
+  layer_command_request_t request;
+  request.command = NameOf(change.command);
+  request.name = change.layer.name;
+  request.origin = static_cast<int64_t>(change.layer.origin);
+  request.session_number = static_cast<int64_t>(change.session_number);
+  request.shift_i = change.shift.i;
+  request.shift_j = change.shift.j;
+  return impl_->Command(std::move(request), deadline);
+}
+
+DaemonIdentity MapClient::daemon() const { return impl_->daemon(); }
+
+#define SPLINEMAP_START(Query)                    \
+  template MapClient::RequestId MapClient::Start( \
+      Query, std::chrono::milliseconds, std::function<void(absl::StatusOr<Query::Answer>)>) const
+SPLINEMAP_START(PointsQuery);
+SPLINEMAP_START(RaysQuery);
+SPLINEMAP_START(SweepsQuery);
+SPLINEMAP_START(RasterQuery);
+SPLINEMAP_START(LikelihoodsQuery);
+SPLINEMAP_START(DistancesQuery);
+#undef SPLINEMAP_START
+
+}  // namespace splinemap

@@ -1,0 +1,150 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "absl/container/flat_hash_map.h"
+#include "absl/types/span.h"
+#include "lib/distance/nearest_sites.h"
+#include "lib/distance/obstacle_squares.h"
+#include "lib/map/map_view.h"
+#include "lib/query/queries.h"
+#include "lib/query/surface_bounds.h"
+#include "lib/tiles/key_tree.h"
+#include "lib/tiles/region.h"
+
+namespace splinemap {
+
+struct DistanceFieldOptions {
+  // 0 to kMaxReach knot intervals; more is as that. Where nothing is near, updates and tiles go as
+  // its square.
+  double max_distance_m = 2;
+  double occupied_log_odds = kDefaultOccupied;   // finite
+  UnknownPolicy unknown = UnknownPolicy::kFree;  // kBlocked: what is not known is an obstacle
+
+  static constexpr double kMaxReach = 2000;
+};
+
+// Of each vertex (i, j) of the knot grid, in tile TileOf(i, j) at IndexInTile(i, j): where the
+// nearest obstacle is.
+struct DistanceTile {
+  static constexpr int kBlocks = Tile::kSide / VertexBlock::kSide;  // each way
+
+  // To the centre of a square of 1/4 knot interval, in eighths.
+  struct Offset {
+    static constexpr int16_t kNone = INT16_MIN;  // nothing is near
+
+    int16_t x = kNone;
+    int16_t y = kNone;
+    bool operator==(const Offset&) const = default;
+  };
+  std::array<Offset, Tile::kSize> nearest;
+  // The longest of a block, squared; the greatest reach where nothing is near.
+  std::array<int32_t, kBlocks * kBlocks> longest;
+
+  bool operator==(const DistanceTile&) const = default;
+};
+
+// How far the nearest obstacle is from any point of the map frame, for those who ask often: some
+// 100 ns, where a DistancesQuery searches for some 10 us. Who must not touch anything asks for a
+// sweep, or takes the error off. Made by a DistanceFieldEditor. Immutable, thread-safe.
+class DistanceField {
+ public:
+  // In knot intervals: a distance differs by no more than this from what the search says, which is
+  // a DistancesQuery::Distance, and where unknown stops that to what is occupied or unknown.
+  //
+  // Why: the obstacles are the squares of ObstacleSquares. The search finds a part of one, which is
+  // sqrt(2) / 8 at most from its centre, so it says the distance of the nearest centre to that. Of
+  // centres that are nearest to the four vertices around the point, the nearest to the point is at
+  // least as far. And the squared distance of the nearest centre less |p|^2 is concave in p, as the
+  // least of linear functions; so it is at least its bilinear interpolation from the vertices. What
+  // is said is the middle between these two; they are no more than 5/8 apart, or the search itself
+  // answers: 5/16 + sqrt(2) / 8 < 1/2.
+  static constexpr double kErrorBound = 0.5;
+
+  // Distance in metres, at most max_distance_m, and its gradient: of length 1, away from an
+  // obstacle that is within kErrorBound of where it points back to; 0 where nothing is near, and
+  // where the search says so. Of points that are not finite or off the map (kMaxKnotIndex) the same
+  // as of others that are not known and have nothing near.
+  DistancesQuery::Distance At(const Eigen::Vector2d& point_m) const;
+
+  const KeyTree<DistanceTile>& tiles() const { return tiles_; }
+
+ private:
+  friend class DistanceFieldEditor;
+
+  DistancesQuery::Distance Search(const Eigen::Vector2d& point_m) const;
+  DistanceTile::Offset OffsetAt(TileKey home, const DistanceTile& tile, int32_t i, int32_t j) const;
+
+  DistanceFieldOptions options_;
+  std::shared_ptr<const MapView> map_ = std::make_shared<const MapView>();
+  SurfaceBounds bounds_;
+  // Absent: nothing is near, or where unknown stops, nothing is known.
+  KeyTree<DistanceTile> tiles_;
+};
+
+// Follows a map. Thread-compatible.
+class DistanceFieldEditor {
+ public:
+  explicit DistanceFieldEditor(DistanceFieldOptions options) : options_(options) {}
+
+  // The field of this map, the same to the last byte whatever was seen before. Costs what changed
+  // since the last call, where that was about an earlier view by the same SummedLayers: cells whose
+  // control points changed are looked at, and where their squares did, blocks of 8 x 8 vertices are
+  // made anew that had nothing nearer.
+  DistanceField Update(std::shared_ptr<const MapView> map);
+
+ private:
+  // Of what is of the blocks of 8 x 8 in a tile.
+  static constexpr int kBlocks = DistanceTile::kBlocks;
+  using BlockMask = uint16_t;
+
+  struct Obstacles {
+    ObstacleSquares squares;
+    // The centres of those squares that do not lie between four others, by block: block k has
+    // those from ends[k] on to ends[k + 1].
+    std::vector<Site> boundary;
+    std::array<int, kBlocks * kBlocks + 1> ends{};
+  };
+  // The centres of squares of a block that came or went, in changed_, and the box around them.
+  struct Change {
+    TileKey tile;
+    int begin;
+    int end;
+    Site low;
+    Site high;
+  };
+  class TileNeighborhood;
+
+  void BeginAnew(const MapView& map);
+  std::vector<Change> UpdateObstacles(const MapView& map, absl::Span<const TileKey> touched);
+  void AddChanges(TileKey key, const ObstacleSquares& before, const ObstacleSquares& after,
+                  std::vector<Change>& changes);
+  void UpdateRims(absl::Span<const Change> changes);
+  void MarkBlocksNear(const Change& change, absl::flat_hash_map<TileKey, BlockMask>& marked) const;
+  bool IsNearAny(const Change& change, TileKey key, const DistanceTile& tile, int block) const;
+  void UpdateTile(TileKey key, BlockMask blocks);
+  void UpdateBlock(TileKey key, const VertexBlock& block, DistanceTile& tile);
+  void GatherSitesAround(TileKey key, const VertexBlock& block);
+  const ObstacleSquares& SquaresAt(TileKey key) const;
+
+  const DistanceFieldOptions options_;
+  std::shared_ptr<const MapView> map_ = std::make_shared<const MapView>();
+  SurfaceBoundsEditor bounds_editor_;
+  SurfaceBounds bounds_;
+  // To what vertices may be from what counts, in eighths of a knot interval; and in tiles.
+  int32_t reach_ = 0;
+  int32_t reach_tiles_ = 0;
+  // Absent: no square, or where unknown stops, all of them.
+  absl::flat_hash_map<TileKey, std::unique_ptr<Obstacles>> obstacles_;
+  TileBox obstacles_box_;  // around them
+  KeyTreeEditor<DistanceTile> tiles_;
+  std::shared_ptr<const DistanceTile> nothing_near_;
+  std::vector<Site> changed_;
+  std::vector<Site> sites_;  // of the block that is being updated
+};
+
+}  // namespace splinemap

@@ -1,0 +1,208 @@
+#include "lib/map/map_view.h"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+
+#include "lib/map/point_kernel.h"
+
+namespace splinemap {
+namespace {
+
+constexpr Tile kUntouched;
+
+RowWord LoadRow(const ControlPoint* first) {
+  RowWord word;
+  std::memcpy(&word, first, sizeof(word));
+  return word;
+}
+
+bool IsInOneTile(int32_t i, int32_t j) {
+  constexpr int kLast = Tile::kSide - 4;
+  return (i & (Tile::kSide - 1)) <= kLast && (j & (Tile::kSide - 1)) <= kLast;
+}
+
+const Tile* FindTile(const TileTree& tiles, TileKey key) {
+  const Tile* tile = tiles.Find(key);
+  return tile == nullptr ? &kUntouched : tile;
+}
+
+// The tiles that a patch may need: of its first control point, and those next in x and y, which are
+// the first again where the patch does not reach them.
+std::array<TileKey, 4> SquareOf(int32_t i, int32_t j) {
+  const TileKey first = TileOf(i, j);
+  const TileKey last = TileOf(i + 3, j + 3);
+  return {first, TileKey{last.tx, first.ty}, TileKey{first.tx, last.ty}, last};
+}
+
+// Where the rows of a patch that lies in several tiles begin, and where they go on. What is in the
+// next tile follows in `right`; where nothing is, `bits` is 0.
+struct CrossingPatch {
+  std::array<const ControlPoint*, 4> left;
+  std::array<const ControlPoint*, 4> right;
+  int bits;
+
+  CrossingPatch() = default;
+  // Requires the tiles of SquareOf(i, j).
+  CrossingPatch(const Tile* const* square, int32_t i, int32_t j) {
+    constexpr int kLast = Tile::kSide - 4;
+    const int column = std::min(i & (Tile::kSide - 1), kLast);
+    bits = 16 * ((i & (Tile::kSide - 1)) - column);
+    for (int row = 0; row < 4; ++row) {
+      const Tile* const* tiles = square + 2 * (((j + row) >> 5) - (j >> 5));
+      left[row] = &tiles[0]->control_points[IndexInTile(column, j + row)];
+      right[row] = &tiles[1]->control_points[IndexInTile(0, j + row)];
+    }
+  }
+
+  // Shifted twice since a shift by 64 is none.
+  RowWord Row(int row) const {
+    return LoadRow(left[row]) >> bits | LoadRow(right[row]) << 1 << (63 - bits);
+  }
+};
+
+PatchRows LoadRows(const TileTree& tiles, int32_t i, int32_t j) {
+  PatchRows rows;
+  if (IsInOneTile(i, j)) {
+    const Tile& tile = *FindTile(tiles, TileOf(i, j));
+    const ControlPoint* first = &tile.control_points[IndexInTile(i, j)];
+    for (int row = 0; row < 4; ++row) rows[row] = LoadRow(first + Tile::kSide * row);
+  } else {
+    const std::array<TileKey, 4> keys = SquareOf(i, j);
+    std::array<const Tile*, 4> square;
+    for (int k = 0; k < 4; ++k) square[k] = FindTile(tiles, keys[k]);
+    const CrossingPatch patch(square.data(), i, j);
+    for (int row = 0; row < 4; ++row) rows[row] = patch.Row(row);
+  }
+  return rows;
+}
+
+// Each step runs over a block of points before the next begins: a processor waits for many points
+// of a large map at once if what it does for each of them is little.
+class BlockEvaluator {
+ public:
+  explicit BlockEvaluator(const MapView& map)
+      : map_(map), kernel_(FastestPointKernel()), knots_per_m_(1 / map.options.knot_interval_m) {}
+
+  // Requires whole fours, at most PointBlock::kSize.
+  void Evaluate(const Eigen::Vector2d* points_m, int count, SurfaceSample* samples) {
+    const double knot_interval_m = map_.options.knot_interval_m;
+    const bool all_on_map = kernel_.locate(points_m, count, knot_interval_m, block_);
+    FindTiles(count);
+    LoadRows(count);
+    kernel_.evaluate(block_, count, knots_per_m_, samples);
+    if (all_on_map) return;
+    for (int n = 0; n < count; ++n) {
+      const bool is_on_map = LocateKnot(points_m[n].x(), knot_interval_m) &&
+                             LocateKnot(points_m[n].y(), knot_interval_m);
+      if (!is_on_map) samples[n] = {};
+    }
+  }
+
+ private:
+  // Neighbours often need the same tiles, which are looked up once then.
+  void FindTiles(int count) {
+    num_crossing_ = 0;
+    int num_keys = 0;
+    int square_begin = -1;  // of the crossing patch before
+    for (int n = 0; n < count; ++n) {
+      const int32_t i = block_.i[n];
+      const int32_t j = block_.j[n];
+      if (IsInOneTile(i, j)) {
+        const TileKey key = TileOf(i, j);
+        if (num_keys == 0 || keys_[num_keys - 1] != key) keys_[num_keys++] = key;
+        key_indices_[n] = num_keys - 1;
+        continue;
+      }
+      const std::array<TileKey, 4> square = SquareOf(i, j);
+      if (square_begin < 0 || keys_[square_begin] != square.front() ||
+          keys_[square_begin + 3] != square.back()) {
+        square_begin = num_keys;
+        for (const TileKey& key : square) keys_[num_keys++] = key;
+      }
+      key_indices_[n] = square_begin;
+      crossing_[num_crossing_++] = n;
+    }
+    map_.tiles.FindMany({keys_.data(), static_cast<size_t>(num_keys)}, absl::MakeSpan(tiles_));
+    for (int k = 0; k < num_keys; ++k) tiles_[k] = tiles_[k] == nullptr ? &kUntouched : tiles_[k];
+  }
+
+  void LoadRows(int count) {
+    for (int n = 0; n < count; ++n) {
+      firsts_[n] =
+          tiles_[key_indices_[n]]->control_points.data() + IndexInTile(block_.i[n], block_.j[n]);
+    }
+    for (int k = 0; k < num_crossing_; ++k) {
+      const int n = crossing_[k];
+      patches_[k] = CrossingPatch(&tiles_[key_indices_[n]], block_.i[n], block_.j[n]);
+      firsts_[n] = kUntouched.control_points.data();
+    }
+    for (int n = 0; n < count; ++n) {
+      for (int row = 0; row < 4; ++row) {
+        block_.rows[row][n] = LoadRow(firsts_[n] + Tile::kSide * row);
+      }
+    }
+    for (int k = 0; k < num_crossing_; ++k) {
+      for (int row = 0; row < 4; ++row) block_.rows[row][crossing_[k]] = patches_[k].Row(row);
+    }
+  }
+
+  const MapView& map_;
+  const PointKernel& kernel_;
+  const double knots_per_m_;
+
+  PointBlock block_;
+  std::array<TileKey, 4 * PointBlock::kSize> keys_;
+  std::array<const Tile*, 4 * PointBlock::kSize> tiles_;  // by key
+  // By point: its tile, or the first of the four of its square.
+  std::array<int, PointBlock::kSize> key_indices_;
+  std::array<const ControlPoint*, PointBlock::kSize> firsts_;
+  // Points whose patches lie in several tiles.
+  int num_crossing_ = 0;
+  std::array<int, PointBlock::kSize> crossing_;
+  std::array<CrossingPatch, PointBlock::kSize> patches_;
+};
+
+}  // namespace
+
+SurfaceSample MapView::Evaluate(double x_m, double y_m) const {
+  SurfaceSample sample;
+  const auto x = LocateKnot(x_m, options.knot_interval_m);
+  const auto y = LocateKnot(y_m, options.knot_interval_m);
+  if (!x || !y) return sample;
+  const PatchRows rows = LoadRows(tiles, x->index - 1, y->index - 1);
+  FastestPointKernel().evaluate_point(rows, x->t, y->t, 1 / options.knot_interval_m, sample);
+  return sample;
+}
+
+Eigen::Matrix2d MapView::Hessian(double x_m, double y_m) const {
+  const auto x = LocateKnot(x_m, options.knot_interval_m);
+  const auto y = LocateKnot(y_m, options.knot_interval_m);
+  if (!x || !y) return Eigen::Matrix2d::Zero();
+  const PatchRows rows = LoadRows(tiles, x->index - 1, y->index - 1);
+  ControlPatch patch;
+  for (int k = 0; k < 16; ++k) {
+    const auto units = static_cast<ControlPoint>(rows[k / 4] >> (16 * (k % 4)) & 0xffff);
+    patch(k / 4, k % 4) = kLogOddsPerUnit * units;
+  }
+  return PatchHessian(patch, x->t, y->t, options.knot_interval_m);
+}
+
+void MapView::EvaluateMany(absl::Span<const Eigen::Vector2d> points_m,
+                           absl::Span<SurfaceSample> samples) const {
+  BlockEvaluator evaluator(*this);
+  const size_t fours = points_m.size() & ~size_t{3};
+  for (size_t begin = 0; begin < fours; begin += PointBlock::kSize) {
+    const size_t count = std::min<size_t>(PointBlock::kSize, fours - begin);
+    evaluator.Evaluate(&points_m[begin], static_cast<int>(count), &samples[begin]);
+  }
+  if (fours == points_m.size()) return;
+  std::array<Eigen::Vector2d, 4> last_points_m;
+  std::array<SurfaceSample, 4> last_samples;
+  last_points_m.fill(points_m.back());
+  std::copy(points_m.begin() + fours, points_m.end(), last_points_m.begin());
+  evaluator.Evaluate(last_points_m.data(), 4, last_samples.data());
+  std::copy_n(last_samples.begin(), points_m.size() - fours, samples.begin() + fours);
+}
+
+}  // namespace splinemap

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "lib/layers/layer_set.h"
+#include "lib/map/map_view.h"
+#include "lib/tiles/tile.h"
+#include "lib/tiles/tile_tree.h"
+
+namespace splinemap {
+
+// The sum of layers, kept up to date. Thread-compatible.
+//
+// Layers of low weight count as one that is not sure: their sum is clamped to 4/5 of the limits
+// before it is added to the others. So one robot that looks again overrules any number of robots
+// that left, after a few scans (tests/bench/layers).
+class SummedLayers {
+ public:
+  // tiles[k] = clamp(sum of layers[k] + clamp'(sum of layers of low weight[k])), over the layers
+  // that the settings do not leave out, each shifted as they say. What is shifted beyond
+  // kMaxKnotIndex is left out. Costs what changed since the last call; the whole map where a layer
+  // is gone or shifted, lost tiles, or its owner started a new session.
+  std::shared_ptr<const MapView> Update(const LayerSet& set);
+
+ private:
+  struct Seen {
+    SessionId session;
+    bool low_weight;
+    KnotShift shift;
+    uint64_t lineage = 0;  // of its tiles
+    uint64_t up_to = 0;    // their version
+  };
+  struct Summand {
+    const LayerSnapshot* layer;
+    bool low_weight;
+    KnotShift shift;
+  };
+  TileTree Sum(const LayerSet& set);
+  void SumTile(TileKey key, const std::vector<Summand>& summands, ControlLimits limits);
+  bool Continues(const std::vector<Summand>& summands) const;
+
+  std::map<LayerId, Seen> seen_;
+  TileTreeEditor sum_;
+  std::vector<const Tile*> tiles_;             // of SumTile()
+  std::vector<const Tile*> low_weight_tiles_;  // the same
+};
+
+// The sum of a set that does not change.
+std::shared_ptr<const MapView> ViewOf(const LayerSet& set);
+
+}  // namespace splinemap

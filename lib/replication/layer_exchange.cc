@@ -1,0 +1,128 @@
+#include "lib/replication/layer_exchange.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lib/base/status.h"
+
+namespace splinemap {
+namespace {
+
+constexpr size_t kMaxKnownNames = 256;
+
+}  // namespace
+
+LayerExchange::LayerExchange(FollowOptions follow, const PublisherOptions& publisher,
+                             const LayerSnapshot& own, const LayerSet& kept, Clock::time_point now)
+    : publisher_options_(publisher),
+      map_options_(kept.options),
+      speaker_(own.session.nonce),
+      takes_settings_(follow.takes_settings),
+      own_(own),
+      publisher_(std::in_place, own, kept.options, publisher),
+      follower_(std::move(follow),
+                KeeperOptions{kept.options, own.id, own.session.number, publisher.digest_interval},
+                kept, speaker_, now),
+      budget_(publisher.bytes_per_s) {}
+
+void LayerExchange::SetOwn(const LayerSnapshot& own, Clock::time_point now) {
+  const bool is_new_session = own.id != own_.id || own.session != own_.session;
+  own_ = own;
+  if (!is_new_session) {
+    publisher_->SetLayer(own, now);
+    return;
+  }
+  publisher_.emplace(own, map_options_, publisher_options_);
+  follower_.SetOwnLayer(own.id, own.session.number);
+}
+
+void LayerExchange::HandleBytes(absl::Span<const uint8_t> bytes, Clock::time_point now) {
+  const absl::StatusOr<ReplicationMessage> message = DecodeReplication(bytes);
+  if (!message.ok()) {
+    ++malformed_;
+    return;
+  }
+  if (SpeakerOf(*message) == speaker_) return;
+  HandleAsOwner(*message, now);
+  follower_.Handle(*message, now);
+}
+
+void LayerExchange::HandleAsOwner(const ReplicationMessage& message, Clock::time_point now) {
+  if (const auto* pull = std::get_if<layer_pull_t>(&message)) {
+    const LayerRef ref = FromMessage(pull->layer);
+    guard_.HandleKnown(ref, OwnRef(), now);
+    publisher_->HandlePull(*pull, now);
+  }
+  const auto* digest = std::get_if<layer_digest_t>(&message);
+  if (digest == nullptr) return;
+  const LayerRef ref = FromMessage(digest->layer);
+  if (ref.id.name == own_.id.name && ref.id != own_.id && IsOwners(*digest) &&
+      known_names_.size() < kMaxKnownNames && known_names_.insert(ref.id).second) {
+    duplicate_names_.push_back(ref.id);
+  }
+  if (ref.id != own_.id) return;
+  if (!IsOwners(*digest)) {
+    guard_.HandleKnown(ref, OwnRef(), now);
+  } else if (ref.session < own_.session) {
+    heard_earlier_session_ = true;
+  } else {
+    guard_.HandleDigest(ref, OwnRef(), now);
+  }
+}
+
+void LayerExchange::Refill(Clock::time_point now) {
+  budget_.Refill(now, publisher_->HasChanges(), publisher_->HasPulls() || follower_.HasPulls());
+}
+
+std::vector<ReplicationMessage> LayerExchange::Tick(Clock::time_point now) {
+  Refill(now);
+  std::vector<ReplicationMessage> messages = publisher_->Tick(now, budget_);
+  std::vector<ReplicationMessage> others = follower_.Tick(now, budget_);
+  std::move(others.begin(), others.end(), std::back_inserter(messages));
+  return messages;
+}
+
+std::vector<ReplicationMessage> LayerExchange::LastTick(Clock::time_point now) {
+  Refill(now);
+  return publisher_->LastTick(now, budget_);
+}
+
+Clock::time_point LayerExchange::NextTick(Clock::time_point now) const {
+  return std::min(publisher_->NextTick(now), follower_.NextTick(now));
+}
+
+absl::Status LayerExchange::Edit(const LayerId& id, Change change) {
+  std::optional<SessionId> session;
+  if (id == own_.id) session = own_.session;
+  for (const LayerSnapshot& layer : follower_.Layers().layers) {
+    if (layer.id == id) session = layer.session;
+  }
+  if (!session) {
+    return NotFound("{} has no layer {} of origin {:016x}", own_.id.name, id.name, id.origin);
+  }
+  LayerSettings settings = follower_.settings().Next(id, speaker_);
+  SPLINEMAP_RETURN_IF_ERROR(change(*session, settings));
+  if (!settings.IsValid()) {
+    return InvalidArgument("a shift by ({}, {}) knots; at most {} each way are allowed",
+                           settings.shift.i, settings.shift.j, KnotShift::kMax);
+  }
+  follower_.Set(id, settings);
+  if (!follower_.settings().records().contains(id)) {
+    return absl::ResourceExhaustedError(
+        fmt::format("{} layers have settings already, which is the most", SettingsTable::kMax));
+  }
+  return absl::OkStatus();
+}
+
+std::optional<SessionGuard::NextSession> LayerExchange::NextSession(Clock::time_point now,
+                                                                    uint64_t random) {
+  return guard_.Next(OwnRef(), now, random);
+}
+
+bool LayerExchange::IsOwnRemoved() const {
+  return takes_settings_ && follower_.settings().Of(own_.id).IsRemoved(own_.session);
+}
+
+}  // namespace splinemap

@@ -1,0 +1,409 @@
+#include "lib/replication/map_follower.h"
+
+#include <fnmatch.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "fmt/format.h"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_listing_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_ref_t.hpp"
+#include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/settings_t.hpp"
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr size_t kMaxLayers = 256;
+constexpr size_t kMaxRefused = 16;
+// A layer that nobody has spoken for in so long is not said to be in sync.
+constexpr double kMaxSilence_s = 3.5;
+// Who does not keep layers leaves it to those who do to stand in.
+constexpr milliseconds kProxyDelay(8000);
+// A layer of a name that another one has taken is forgotten after that, and one without tiles.
+constexpr double kForgetAfter_s = 10;
+// What a digest says of knot interval and limits counts for so long.
+constexpr double kToldLately_s = 5;
+
+double Seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
+
+std::string Differences(const MapOptions& theirs, const MapOptions& ours) {
+  if (theirs.knot_interval_m != ours.knot_interval_m) {
+    return fmt::format("its knot interval is {} m, and {} m here", theirs.knot_interval_m,
+                       ours.knot_interval_m);
+  }
+  const auto log_odds = [](ControlPoint c) { return c / double{kUnitsPerLogOdds}; };
+  return fmt::format("its control points are clamped to {} .. {}, and to {} .. {} here",
+                     log_odds(theirs.limits.min), log_odds(theirs.limits.max),
+                     log_odds(ours.limits.min), log_odds(ours.limits.max));
+}
+
+}  // namespace
+
+bool MatchesName(const std::string& pattern, const std::string& name) {
+  return fnmatch(pattern.c_str(), name.c_str(), 0) == 0;
+}
+
+MapFollower::MapFollower(FollowOptions options, uint64_t speaker)
+    : options_(std::move(options)), speaker_(speaker), seed_(speaker), gossip_({}, speaker) {}
+
+MapFollower::MapFollower(FollowOptions options, KeeperOptions keeper, const LayerSet& kept,
+                         uint64_t speaker, Clock::time_point now)
+    : options_(std::move(options)),
+      keeper_(std::move(keeper)),
+      speaker_(speaker),
+      seed_(speaker),
+      map_options_(keeper_->map_options),
+      gossip_(kept.settings, speaker) {
+  for (const LayerSnapshot& layer : kept.layers) {
+    if (layer.id == keeper_->own_layer || settings().Of(layer.id).IsRemoved(layer.session))
+      continue;
+    Add(layer.id, LayerFollower(layer, ++seed_, now));
+  }
+}
+
+void MapFollower::HandleBytes(absl::Span<const uint8_t> message, Clock::time_point now) {
+  bytes_received_ += std::ssize(message);
+  if (const auto decoded = DecodeReplication(message); decoded.ok()) {
+    Handle(*decoded, now);
+  } else {
+    ++malformed_;
+  }
+}
+
+void MapFollower::Handle(const ReplicationMessage& message, Clock::time_point now) {
+  if (SpeakerOf(message) == speaker_) return;
+  std::visit([&](const auto& m) { Handle(m, now); }, message);
+}
+
+void MapFollower::Handle(const layer_digest_t& digest, Clock::time_point now) {
+  LayerFollower* copy = FindOrAdd(digest, now);
+  if (copy == nullptr) return;
+  copy->HandleDigest(digest, now);
+  if (Followed* followed = Find(digest.layer); followed->proxy) {
+    followed->proxy->HandleDigest(digest, now);
+  }
+  ForgetReplaced(FromMessage(digest.layer).id, now);
+}
+
+void MapFollower::Handle(const layer_updates_t& updates, Clock::time_point) {
+  if (LayerFollower* copy = CopyOf(updates.layer)) copy->HandleUpdates(updates);
+}
+
+void MapFollower::Handle(const layer_listing_t& listing, Clock::time_point now) {
+  if (LayerFollower* copy = CopyOf(listing.layer)) copy->HandleListing(listing, now);
+}
+
+void MapFollower::Handle(const layer_pull_t& pull, Clock::time_point now) {
+  Followed* followed = Find(pull.layer);
+  if (followed == nullptr) return;
+  followed->copy.HandlePull(pull, now);
+  if (followed->proxy) followed->proxy->HandlePull(pull, now);
+}
+
+void MapFollower::Handle(const settings_t& message, Clock::time_point now) {
+  if (!options_.takes_settings) {
+    ignored_settings_ += gossip_.CountNews(message);
+    return;
+  }
+  const SettingsTable before = settings();
+  const auto session_number_of = [&](const LayerId& id) { return SessionNumberOf(id); };
+  if (gossip_.HandleSettings(message, session_number_of, now)) ApplySettings(before);
+}
+
+// The rest of the tile budget is shared.
+LayerFollower* MapFollower::CopyOf(const layer_ref_t& layer) {
+  Followed* followed = Find(layer);
+  if (followed == nullptr) return nullptr;
+  const size_t others = NumTiles() - followed->copy.num_tiles();
+  followed->copy.SetMaxTiles(options_.max_tiles - std::min(others, options_.max_tiles));
+  return &followed->copy;
+}
+
+MapFollower::Followed* MapFollower::Find(const layer_ref_t& layer) {
+  const auto found = layers_.find(FromMessage(layer).id);
+  return found == layers_.end() ? nullptr : &found->second;
+}
+
+LayerFollower::Subset MapFollower::SubsetFor(const LayerId& id) const {
+  LayerFollower::Subset subset;
+  subset.level_of_detail = options_.level_of_detail;
+  if (options_.region) {
+    // Layers are shifted by knots of level 0, and the region is of the map frame.
+    const double fine_m =
+        std::ldexp(map_options_->knot_interval_m, -options_.level_of_detail.level);
+    const KnotShift shift = settings().Of(id).shift;
+    const Region& region = *options_.region;
+    subset.box = TilesOf({region.x0_m - shift.i * fine_m, region.y0_m - shift.j * fine_m,
+                          region.x1_m - shift.i * fine_m, region.y1_m - shift.j * fine_m},
+                         map_options_->knot_interval_m);
+  }
+  return subset;
+}
+
+void MapFollower::Add(const LayerId& id, LayerFollower copy) {
+  ++version_;
+  Followed& followed = layers_.try_emplace(id, Followed{std::move(copy), nullptr}).first->second;
+  if (options_.region || options_.level_of_detail != LevelOfDetail{}) return;
+  PublisherOptions publisher;
+  if (keeper_) publisher.digest_interval = keeper_->digest_interval;
+  followed.proxy = std::make_unique<ProxyPublisher>(
+      followed.copy, keeper_ ? milliseconds(0) : kProxyDelay, speaker_, *map_options_, publisher);
+}
+
+std::optional<uint64_t> MapFollower::SessionNumberOf(const LayerId& id) const {
+  if (keeper_ && id == keeper_->own_layer) return keeper_->own_session_number;
+  const auto layer = layers_.find(id);
+  if (layer == layers_.end()) return std::nullopt;
+  return layer->second.copy.session().number;
+}
+
+bool MapFollower::IsWanted(const LayerRef& ref, int32_t protocol_version) {
+  const std::optional<uint64_t> known = SessionNumberOf(ref.id);
+  if (known && *known > 0 && ref.session.number > *known + LayerSettings::kMaxSessionsAhead) {
+    ++malformed_;
+    return false;
+  }
+  const auto matches = [&](const std::string& pattern) {
+    return MatchesName(pattern, ref.id.name);
+  };
+  const std::vector<std::string>& names = options_.names;
+  if (!names.empty() && std::none_of(names.begin(), names.end(), matches)) return false;
+  if (keeper_ && ref.id == keeper_->own_layer) return false;
+  if (gossip_.SetHere(ref.id, std::max(ref.session.number, known.value_or(0)))) ++version_;
+  if (settings().Of(ref.id).IsRemoved(ref.session)) return false;
+  if (protocol_version != kProtocolVersion) {
+    Refuse(ref.id, fmt::format("it speaks version {} of the protocol, and this is version {}",
+                               protocol_version, kProtocolVersion));
+    return false;
+  }
+  return true;
+}
+
+// A layer begins to exist with its digest, which says how to read it.
+LayerFollower* MapFollower::FindOrAdd(const layer_digest_t& digest, Clock::time_point now) {
+  const LayerRef ref = FromMessage(digest.layer);
+  if (!IsWanted(ref, digest.protocol_version)) return nullptr;
+  const MapOptions map_options{std::ldexp(digest.knot_interval_m, options_.level_of_detail.level),
+                               {static_cast<ControlPoint>(digest.min_control_point),
+                                static_cast<ControlPoint>(digest.max_control_point)}};
+  if (!keeper_) ChooseOptions(ref.id, map_options, now);
+  if (map_options != *map_options_) {
+    Refuse(ref.id, Differences(map_options, *map_options_));
+    return nullptr;
+  }
+  if (Followed* followed = Find(digest.layer)) return &followed->copy;
+  if (layers_.size() >= kMaxLayers && !MakeRoom(now)) {
+    Refuse(ref.id, fmt::format("{} layers are followed already", kMaxLayers));
+    return nullptr;
+  }
+  Add(ref.id, LayerFollower(ref.id, ++seed_, SubsetFor(ref.id)));
+  refused_.erase(ref.id);
+  return &Find(digest.layer)->copy;
+}
+
+// A tie is for what is there. Nobody who speaks first, or for one layer alone, decides for others.
+void MapFollower::ChooseOptions(const LayerId& id, const MapOptions& options,
+                                Clock::time_point now) {
+  std::erase_if(told_,
+                [&](const auto& told) { return Seconds(now - told.second.when) > kToldLately_s; });
+  if (told_.contains(id) || told_.size() < kMaxLayers) told_[id] = {options, now};
+  const auto votes_for = [&](const MapOptions& other) {
+    return std::count_if(told_.begin(), told_.end(),
+                         [&](const auto& told) { return told.second.options == other; });
+  };
+  if (map_options_ && votes_for(options) <= votes_for(*map_options_)) return;
+  if (!std::exchange(map_options_, options)) return;
+  while (!layers_.empty()) Erase(layers_.begin());
+  refused_.clear();
+  sum_ = {};
+}
+
+// For a layer without tiles there is no loss in being heard of again.
+bool MapFollower::MakeRoom(Clock::time_point now) {
+  auto least = layers_.end();
+  for (auto layer = layers_.begin(); layer != layers_.end(); ++layer) {
+    if (!layer->second.copy.IsEmpty()) continue;
+    if (least == layers_.end() ||
+        layer->second.copy.last_spoken_for() < least->second.copy.last_spoken_for()) {
+      least = layer;
+    }
+  }
+  if (least == layers_.end()) return false;
+  gossip_.SetStranger(least->first, now);
+  Erase(least);
+  return true;
+}
+
+bool MapFollower::HasDuplicateName(const LayerId& id) const {
+  return std::any_of(layers_.begin(), layers_.end(), [&](const auto& other) {
+    return other.first.name == id.name && other.first != id;
+  });
+}
+
+void MapFollower::ForgetReplaced(const LayerId& speaker, Clock::time_point now) {
+  if (keeper_ || !layers_.at(speaker).copy.caught_up()) return;
+  for (auto entry = layers_.begin(); entry != layers_.end();) {
+    const auto& [id, followed] = *entry;
+    const bool is_replaced = id.name == speaker.name && id != speaker &&
+                             Seconds(now - followed.copy.last_spoken_for()) > kForgetAfter_s;
+    entry = is_replaced ? Erase(entry) : std::next(entry);
+  }
+}
+
+std::map<LayerId, MapFollower::Followed>::iterator MapFollower::Erase(
+    std::map<LayerId, Followed>::iterator layer) {
+  version_ += layer->second.copy.version() + 1;
+  return layers_.erase(layer);
+}
+
+uint64_t MapFollower::version() const {
+  uint64_t version = version_;
+  for (const auto& [id, followed] : layers_) version += followed.copy.version();
+  return version;
+}
+
+void MapFollower::Set(const LayerId& id, const LayerSettings& setting) {
+  const SettingsTable before = settings();
+  gossip_.Set(id, setting);
+  ApplySettings(before);
+}
+
+// Drops what is removed; of a region, other tiles of a layer are needed when its shift changes.
+void MapFollower::ApplySettings(const SettingsTable& before) {
+  ++version_;
+  std::vector<LayerId> shifted;
+  for (auto entry = layers_.begin(); entry != layers_.end();) {
+    const LayerId& id = entry->first;
+    LayerFollower& copy = entry->second.copy;
+    const LayerSettings& setting = settings().Of(id);
+    if (copy.ShowsPreviousSession() && setting.IsRemoved(copy.Snapshot().session)) {
+      copy.ForgetPreviousSession();
+    }
+    const bool is_removed = copy.session() != SessionId{} && setting.IsRemoved(copy.session());
+    const bool is_shifted = options_.region && setting.shift != before.Of(id).shift;
+    if (is_shifted && !is_removed) shifted.push_back(id);
+    entry = is_removed || is_shifted ? Erase(entry) : std::next(entry);
+  }
+  for (const LayerId& id : shifted) Add(id, LayerFollower(id, ++seed_, SubsetFor(id)));
+}
+
+void MapFollower::SetOwnLayer(LayerId id, uint64_t session_number) {
+  if (const auto layer = layers_.find(id); layer != layers_.end()) Erase(layer);
+  keeper_->own_layer = std::move(id);
+  keeper_->own_session_number = session_number;
+}
+
+void MapFollower::Refuse(const LayerId& id, std::string why) {
+  if (refused_.size() < kMaxRefused) refused_.emplace(id, std::move(why));
+}
+
+std::vector<std::string> MapFollower::refused() const {
+  std::vector<std::string> refused;
+  for (const auto& [id, why] : refused_) refused.push_back(fmt::format("{}: {}", id.name, why));
+  return refused;
+}
+
+std::vector<ReplicationMessage> MapFollower::Tick(Clock::time_point now, ByteBudget& budget) {
+  std::vector<ReplicationMessage> messages;
+  for (auto entry = layers_.begin(); entry != layers_.end();) {
+    const LayerFollower& copy = entry->second.copy;
+    const bool is_gone = copy.IsEmpty() && Seconds(now - copy.last_spoken_for()) > kForgetAfter_s;
+    if (is_gone) gossip_.SetStranger(entry->first, now);
+    entry = is_gone ? Erase(entry) : std::next(entry);
+  }
+  for (auto& [id, followed] : layers_) {
+    for (layer_pull_t& pull : followed.copy.Tick(now)) {
+      pull.speaker = static_cast<int64_t>(speaker_);
+      messages.emplace_back(std::move(pull));
+    }
+    if (!followed.proxy) continue;
+    // What a layer of the same name has replaced can be forgotten.
+    const bool may_begin = keeper_ || !HasDuplicateName(id);
+    for (ReplicationMessage& message : followed.proxy->Tick(now, budget, may_begin)) {
+      messages.push_back(std::move(message));
+    }
+  }
+  if (!options_.takes_settings) return messages;
+  for (settings_t& settings : gossip_.Tick(now)) messages.emplace_back(std::move(settings));
+  return messages;
+}
+
+bool MapFollower::HasPulls() const {
+  return std::any_of(layers_.begin(), layers_.end(), [](const auto& followed) {
+    return followed.second.proxy && followed.second.proxy->HasPulls();
+  });
+}
+
+Clock::time_point MapFollower::NextTick(Clock::time_point now) const {
+  Clock::time_point next = options_.takes_settings ? gossip_.NextTick() : now + milliseconds(500);
+  for (const auto& [id, followed] : layers_) {
+    next = std::min(next, followed.copy.NextTick(now));
+    if (followed.proxy) next = std::min(next, followed.proxy->NextTick(now));
+  }
+  return next;
+}
+
+SettingsTable MapFollower::SummedSettings() const {
+  if (options_.level_of_detail.level == 0) return settings();
+  SettingsTable coarse;
+  for (auto [id, setting] : settings().records()) {
+    const auto round = [&](int32_t knots) {
+      return static_cast<int32_t>(std::lround(std::ldexp(knots, -options_.level_of_detail.level)));
+    };
+    setting.shift = {round(setting.shift.i), round(setting.shift.j)};
+    coarse.Merge(id, setting);
+  }
+  return coarse;
+}
+
+LayerSet MapFollower::Layers() {
+  LayerSet set;
+  if (map_options_) set.options = *map_options_;
+  for (auto& [id, followed] : layers_) {
+    LayerSnapshot layer = followed.copy.Snapshot();
+    if (layer.session != SessionId{}) set.layers.push_back(std::move(layer));
+  }
+  set.settings = SummedSettings();
+  return set;
+}
+
+LayerSet MapFollower::SyncedLayers() const {
+  LayerSet set;
+  if (map_options_) set.options = *map_options_;
+  for (const auto& [id, followed] : layers_) {
+    if (followed.copy.synced()) set.layers.push_back(*followed.copy.synced());
+  }
+  set.settings = SummedSettings();
+  return set;
+}
+
+std::vector<FollowedLayer> MapFollower::FollowedLayers(Clock::time_point now) const {
+  std::vector<FollowedLayer> layers;
+  for (const auto& [id, followed] : layers_) {
+    const LayerFollower& copy = followed.copy;
+    const auto match = copy.last_match();
+    const double since_match_s =
+        match ? Seconds(now - *match) : std::numeric_limits<double>::infinity();
+    layers.push_back({id, copy.session(), copy.revision(), copy.num_tiles(), copy.hash(),
+                      copy.matches_digest(), copy.caught_up() && since_match_s < kMaxSilence_s,
+                      1000 * (since_match_s + copy.lag_s()),
+                      copy.OwnerWasHeard() ? Seconds(now - copy.last_heard()) : -1,
+                      copy.OwnerIsSilent(now), copy.counts()});
+  }
+  return layers;
+}
+
+size_t MapFollower::NumTiles() const {
+  size_t tiles = 0;
+  for (const auto& [id, followed] : layers_) tiles += followed.copy.num_tiles();
+  return tiles;
+}
+
+}  // namespace splinemap

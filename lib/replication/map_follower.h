@@ -1,0 +1,149 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "absl/types/span.h"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_listing_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_ref_t.hpp"
+#include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/settings_t.hpp"
+#include "lib/map/summed_layers.h"
+#include "lib/replication/follow_options.h"
+#include "lib/replication/layer_follower.h"
+#include "lib/replication/proxy_publisher.h"
+#include "lib/replication/replication_message.h"
+#include "lib/replication/settings_gossip.h"
+#include "lib/tiles/level_of_detail.h"
+#include "lib/tiles/region.h"
+
+namespace splinemap {
+
+// Whether one of FollowOptions::names wants this robot.
+bool MatchesName(const std::string& pattern, const std::string& name);
+
+// What makes a follower one that keeps the map for others, as daemons do.
+struct KeeperOptions {
+  MapOptions map_options;
+  LayerId own_layer;  // never followed
+  uint64_t own_session_number = 0;
+  std::chrono::milliseconds digest_interval{1000};
+};
+
+// A copy of the map that daemons publish, made of their messages alone, from a bus or a log, and
+// summed as people have decided. The layer of an owner that is silent stays. It is forgotten after
+// 10 s if it has no tiles; and, unless this is a keeper, if nobody is a proxy for the owner and
+// another layer of the same name is in sync: a robot that began a new map. Who keeps nothing takes
+// knot interval and limits from most of the layers of which it has heard of late, and begins anew
+// when they change. Stands in for silent owners, which is left to keepers where there are any.
+// Without threads and sockets of its own. Thread-compatible.
+class MapFollower {
+ public:
+  // `speaker` are random bits of this process.
+  MapFollower(FollowOptions options, uint64_t speaker);
+  // Begins with the layers of `kept`, but for its own, and with its settings. Requires that all of
+  // the map is followed as it was mapped.
+  MapFollower(FollowOptions options, KeeperOptions keeper, const LayerSet& kept, uint64_t speaker,
+              Clock::time_point now);
+
+  // A message of ReplicationChannels(); those of its own speaker are ignored.
+  void Handle(const ReplicationMessage& message, Clock::time_point now);
+  // The same for any bytes.
+  void HandleBytes(absl::Span<const uint8_t> message, Clock::time_point now);
+
+  // What is to be published now. Call it some times a second, or at NextTick().
+  std::vector<ReplicationMessage> Tick(Clock::time_point now, ByteBudget& budget);
+  // What the budget is for: answers of proxies.
+  bool HasPulls() const;
+  // When Tick() will have something to do, if nothing comes before.
+  Clock::time_point NextTick(Clock::time_point now) const;
+
+  // Empty until the first layer was heard. Costs what changed.
+  LayerSet Layers();
+  std::shared_ptr<const MapView> View() { return sum_.Update(Layers()); }
+  // Of each layer the state in which a digest matched for the last time, without layers where none
+  // has. Costs the whole map.
+  LayerSet SyncedLayers() const;
+
+  // Counts on when one of these or the settings change.
+  uint64_t version() const;
+
+  std::vector<FollowedLayer> FollowedLayers(Clock::time_point now) const;
+
+  const SettingsTable& settings() const { return gossip_.settings(); }
+  // Those that are worth keeping on a disk.
+  SettingsTable LastingSettings() const { return gossip_.LastingSettings(); }
+  // Settings from the bus that cannot be.
+  int64_t refused_settings() const { return gossip_.refused(); }
+  // Settings from the bus that are not taken, though they would change something.
+  int64_t ignored_settings() const { return ignored_settings_; }
+  // Tells everybody; takes effect here at once.
+  void Set(const LayerId& id, const LayerSettings& setting);
+  uint64_t speaker() const { return speaker_; }
+
+  // A keeper that continues as another layer, or in another session.
+  void SetOwnLayer(LayerId id, uint64_t session_number);
+
+  int64_t bytes_received() const { return bytes_received_; }
+  int64_t malformed() const { return malformed_; }
+  bool is_full() const { return NumTiles() >= options_.max_tiles; }
+  // Robots whose layers are not followed, and why: another knot interval or other limits than the
+  // first layer's, another version of the protocol, too many layers.
+  std::vector<std::string> refused() const;
+
+ private:
+  struct Followed {
+    LayerFollower copy;
+    std::unique_ptr<ProxyPublisher> proxy;  // of all of a layer as it was mapped
+  };
+
+  bool IsWanted(const LayerRef& ref, int32_t protocol_version);
+  LayerFollower* FindOrAdd(const layer_digest_t& digest, Clock::time_point now);
+  void ChooseOptions(const LayerId& id, const MapOptions& options, Clock::time_point now);
+  bool MakeRoom(Clock::time_point now);
+  std::optional<uint64_t> SessionNumberOf(const LayerId& id) const;
+  void Handle(const layer_digest_t& digest, Clock::time_point now);
+  void Handle(const layer_updates_t& updates, Clock::time_point now);
+  void Handle(const layer_listing_t& listing, Clock::time_point now);
+  void Handle(const layer_pull_t& pull, Clock::time_point now);
+  void Handle(const settings_t& settings, Clock::time_point now);
+  LayerFollower* CopyOf(const layer_ref_t& layer);
+  Followed* Find(const layer_ref_t& layer);
+  LayerFollower::Subset SubsetFor(const LayerId& id) const;
+  void Add(const LayerId& id, LayerFollower copy);
+  SettingsTable SummedSettings() const;
+  void ApplySettings(const SettingsTable& before);
+  bool HasDuplicateName(const LayerId& id) const;
+  void ForgetReplaced(const LayerId& speaker, Clock::time_point now);
+  void Refuse(const LayerId& id, std::string why);
+  size_t NumTiles() const;
+  // Returns the next one.
+  std::map<LayerId, Followed>::iterator Erase(std::map<LayerId, Followed>::iterator layer);
+
+  const FollowOptions options_;
+  std::optional<KeeperOptions> keeper_;
+  const uint64_t speaker_;
+  uint64_t seed_;
+  std::optional<MapOptions> map_options_;
+  struct Told {
+    MapOptions options;
+    Clock::time_point when;
+  };
+  std::map<LayerId, Told> told_;        // the options of layers, by digests of late
+  std::map<LayerId, Followed> layers_;  // in an order that is the same for every follower
+  SettingsGossip gossip_;
+  std::map<LayerId, std::string> refused_;  // why
+  SummedLayers sum_;
+  uint64_t version_ = 0;  // beside those of layers_
+  int64_t bytes_received_ = 0;
+  int64_t malformed_ = 0;
+  int64_t ignored_settings_ = 0;
+};
+
+}  // namespace splinemap

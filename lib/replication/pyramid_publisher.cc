@@ -1,0 +1,102 @@
+#include "lib/replication/pyramid_publisher.h"
+
+#include <algorithm>
+#include <chrono>
+#include <utility>
+
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+
+namespace splinemap {
+namespace {
+
+// A level that nobody has asked for in this time is given up.
+constexpr std::chrono::seconds kLevelLease(30);
+// Tiles of coarser levels that are made in one tick, some milliseconds of work.
+constexpr size_t kTilesPerTick = 200;
+
+}  // namespace
+
+PyramidPublisher::PyramidPublisher(const LayerSnapshot& layer, const MapOptions& map_options,
+                                   const PublisherOptions& options)
+    : ref_{layer.id, layer.session, {}},
+      map_options_(map_options),
+      options_(options),
+      layer_(layer),
+      as_mapped_(ref_, layer, map_options, options) {}
+
+void PyramidPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point now) {
+  layer_ = layer;
+  as_mapped_.SetLayer(layer, now);
+}
+
+void PyramidPublisher::HandlePull(const layer_pull_t& pull, Clock::time_point now) {
+  const LayerRef ref = FromMessage(pull.layer);
+  if (ref.id != ref_.id || ref.session != ref_.session || !ref.level_of_detail.IsValid()) {
+    ++foreign_pulls_;
+    return;
+  }
+  if (ref.level_of_detail == ref_.level_of_detail) {
+    as_mapped_.HandlePull(pull);
+    return;
+  }
+  Asked& asked = asked_[ref.level_of_detail];
+  asked.last = now;
+  if (asked.publisher) asked.publisher->HandlePull(pull);
+}
+
+std::vector<ReplicationMessage> PyramidPublisher::Tick(Clock::time_point now, ByteBudget& budget) {
+  std::vector<ReplicationMessage> messages;
+  std::erase_if(asked_, [&](const auto& asked) { return now - asked.second.last > kLevelLease; });
+  WorkOnLevels(now);
+  // What is coarse is small and seen first.
+  for (auto& [level_of_detail, asked] : asked_) {
+    if (asked.publisher) asked.publisher->Tick(now, budget, messages);
+  }
+  as_mapped_.Tick(now, budget, messages);
+  return messages;
+}
+
+std::vector<ReplicationMessage> PyramidPublisher::LastTick(Clock::time_point now,
+                                                           ByteBudget& budget) {
+  std::vector<ReplicationMessage> messages;
+  as_mapped_.LastTick(now, budget, messages);
+  return messages;
+}
+
+void PyramidPublisher::WorkOnLevels(Clock::time_point now) {
+  const int wanted = asked_.empty() ? 0 : asked_.begin()->first.level;
+  if (wanted == 0 || wanted > levels_.num_levels()) levels_ = LayerPyramid(wanted);
+  if (wanted == 0) return;
+  const bool is_new = levels_.Advance(layer_, kTilesPerTick);
+  if (is_new) behind_since_.reset();
+  if (!behind_since_ && levels_.IsAtWork(layer_)) behind_since_ = now;
+  if (!levels_.HasLayers()) return;
+  for (auto& [level_of_detail, asked] : asked_) {
+    if (!asked.publisher) {
+      asked.publisher =
+          std::make_unique<LayerPublisher>(LayerRef{ref_.id, ref_.session, level_of_detail},
+                                           levels_.Layer(level_of_detail), map_options_, options_);
+    } else if (is_new) {
+      asked.publisher->SetLayer(levels_.Layer(level_of_detail), now);
+    }
+    asked.publisher->SetBehind(behind_since_);
+  }
+}
+
+bool PyramidPublisher::HasPulls() const {
+  return as_mapped_.HasPulls() || std::any_of(asked_.begin(), asked_.end(), [](const auto& asked) {
+           return asked.second.publisher && asked.second.publisher->HasPulls();
+         });
+}
+
+Clock::time_point PyramidPublisher::NextTick(Clock::time_point now) const {
+  const bool is_making_levels = !asked_.empty() && levels_.IsAtWork(layer_);
+  if (is_making_levels || HasPulls()) return now;
+  Clock::time_point next = as_mapped_.NextTick();
+  for (const auto& [level_of_detail, asked] : asked_) {
+    next = std::min(next, asked.publisher ? asked.publisher->NextTick() : now);
+  }
+  return next;
+}
+
+}  // namespace splinemap

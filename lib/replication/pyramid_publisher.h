@@ -1,0 +1,63 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lib/layers/layer_pyramid.h"
+#include "lib/replication/byte_budget.h"
+#include "lib/replication/layer_publisher.h"
+#include "lib/replication/protocol.h"
+
+namespace splinemap {
+
+// The owner's side of the protocol for one layer: pushes it as it was mapped, and makes and answers
+// for those coarser levels that followers ask for. Without clocks, threads or sockets of its own.
+// Thread-compatible.
+class PyramidPublisher {
+ public:
+  // What `layer` has already counts as published: followers that lack it will pull it.
+  PyramidPublisher(const LayerSnapshot& layer, const MapOptions& map_options,
+                   const PublisherOptions& options);
+
+  // The layer's newest state, of the same session.
+  void SetLayer(const LayerSnapshot& layer, Clock::time_point now);
+
+  // Pulls of other layers and other sessions are ignored, and counted.
+  void HandlePull(const layer_pull_t& pull, Clock::time_point now);
+  int64_t foreign_pulls() const { return foreign_pulls_; }
+
+  // What is to be sent now. Call it a few times for each push_interval.
+  std::vector<ReplicationMessage> Tick(Clock::time_point now, ByteBudget& budget);
+  // The same, whatever the intervals: what waits, and digests.
+  std::vector<ReplicationMessage> LastTick(Clock::time_point now, ByteBudget& budget);
+
+  // What the budget is for.
+  bool HasChanges() const { return as_mapped_.HasChanges(); }
+  bool HasPulls() const;
+  // When Tick() will have something to do, if nothing comes before.
+  Clock::time_point NextTick(Clock::time_point now) const;
+
+ private:
+  struct Asked {
+    Clock::time_point last;
+    std::unique_ptr<LayerPublisher> publisher;  // null until the level was made
+  };
+
+  void WorkOnLevels(Clock::time_point now);
+
+  const LayerRef ref_;  // at level 0
+  const MapOptions map_options_;
+  const PublisherOptions options_;
+  LayerSnapshot layer_;
+  LayerPublisher as_mapped_;
+  LayerPyramid levels_{0};
+  std::optional<Clock::time_point> behind_since_;         // of levels_
+  std::map<LevelOfDetail, Asked, std::greater<>> asked_;  // the coarsest first
+  int64_t foreign_pulls_ = 0;
+};
+
+}  // namespace splinemap

@@ -1,0 +1,218 @@
+#pragma once
+
+// Bodies of key_tree.h. Include it in the one source file that instantiates a tree.
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <bitset>
+
+#include "lib/tiles/key_tree.h"
+
+namespace splinemap {
+namespace key_tree {
+
+inline constexpr int kMaxHeight = 9;
+
+// 4 in every octal digit: added to a coordinate it turns balanced digits into plain ones, so that
+// small keys of either sign share a small root.
+inline constexpr uint32_t kBias = 4 * ((uint32_t{1} << (3 * kMaxHeight)) - 1) / 7;
+static_assert(kBias == 0444444444);
+static_assert((kMaxKnotIndex >> 5) < (uint32_t{1} << (3 * kMaxHeight)) - kBias);
+
+inline uint32_t Biased(int32_t coordinate) { return static_cast<uint32_t>(coordinate) + kBias; }
+inline int32_t Unbiased(uint32_t biased) { return static_cast<int32_t>(biased - kBias); }
+
+inline int ChildIndex(uint32_t x, uint32_t y, int level) {
+  return static_cast<int>((((y >> (3 * level)) & 7) << 3) | ((x >> (3 * level)) & 7));
+}
+
+inline int ChildInLeaf(TileKey key) { return ChildIndex(Biased(key.tx), Biased(key.ty), 0); }
+
+inline constexpr int kCentreChild = (4 << 3) | 4;
+
+// Versions are unique in the process, so no editor takes another's nodes for its own, and they
+// grow, so a node knows from its own version when something below it changed last.
+inline uint64_t NextVersion() {
+  static std::atomic<uint64_t> version{0};
+  return ++version;
+}
+
+}  // namespace key_tree
+
+template <typename Value>
+struct KeyTree<Value>::Node {
+  uint64_t version = 0;  // of the last change in it or below
+};
+
+template <typename Value>
+struct KeyTree<Value>::Inner : Node {
+  std::array<std::shared_ptr<Node>, 64> children;
+};
+
+// By child; what queries look at stands close together.
+template <typename Value>
+struct KeyTree<Value>::Leaf : Node {
+  std::array<std::shared_ptr<const Value>, 64> tiles;
+  std::array<uint64_t, 64> revisions{};
+  std::array<uint64_t, 64> versions{};  // of the last change
+  std::bitset<64> is_shared;            // with others than trees, who must not see edits
+};
+
+template <typename Value>
+bool KeyTree<Value>::Covers(TileKey key) const {
+  const int shift = 3 * height_;
+  return (key_tree::Biased(key.tx) >> shift) == (key_tree::kBias >> shift) &&
+         (key_tree::Biased(key.ty) >> shift) == (key_tree::kBias >> shift);
+}
+
+template <typename Value>
+const typename KeyTree<Value>::Leaf* KeyTree<Value>::FindLeaf(TileKey key) const {
+  if (!root_ || !Covers(key)) return nullptr;
+  const uint32_t x = key_tree::Biased(key.tx);
+  const uint32_t y = key_tree::Biased(key.ty);
+  const Node* node = root_.get();
+  for (int level = height_ - 1; level > 0 && node != nullptr; --level) {
+    node = static_cast<const Inner*>(node)->children[key_tree::ChildIndex(x, y, level)].get();
+  }
+  return static_cast<const Leaf*>(node);
+}
+
+template <typename Value>
+const Value* KeyTree<Value>::Find(TileKey key) const {
+  const Leaf* leaf = FindLeaf(key);
+  return leaf == nullptr ? nullptr : leaf->tiles[key_tree::ChildInLeaf(key)].get();
+}
+
+// The second loop is short, so that the processor waits for many leaves at once.
+template <typename Value>
+void KeyTree<Value>::FindMany(absl::Span<const TileKey> keys,
+                              absl::Span<const Value*> tiles) const {
+  static const std::shared_ptr<const Value> absent;
+  constexpr size_t kBlock = 256;
+  std::array<const std::shared_ptr<const Value>*, kBlock> slots;
+  for (size_t begin = 0; begin < keys.size(); begin += kBlock) {
+    const size_t count = std::min(kBlock, keys.size() - begin);
+    for (size_t n = 0; n < count; ++n) {
+      const TileKey key = keys[begin + n];
+      const Leaf* leaf = FindLeaf(key);
+      slots[n] = leaf == nullptr ? &absent : &leaf->tiles[key_tree::ChildInLeaf(key)];
+    }
+    for (size_t n = 0; n < count; ++n) tiles[begin + n] = slots[n]->get();
+  }
+}
+
+template <typename Value>
+std::shared_ptr<const Value> KeyTree<Value>::Share(TileKey key) const {
+  const Leaf* leaf = FindLeaf(key);
+  return leaf == nullptr ? nullptr : leaf->tiles[key_tree::ChildInLeaf(key)];
+}
+
+template <typename Value>
+uint64_t KeyTree<Value>::RevisionOf(TileKey key) const {
+  const Leaf* leaf = FindLeaf(key);
+  return leaf == nullptr ? 0 : leaf->revisions[key_tree::ChildInLeaf(key)];
+}
+
+template <typename Value>
+void KeyTree<Value>::ForEachChanged(uint64_t since, Visitor visit) const {
+  if (!root_) return;
+  const int shift = 3 * height_;
+  const uint32_t corner = (key_tree::kBias >> shift) << shift;
+  Visit(*root_, height_ - 1, corner, corner, since, visit);
+}
+
+template <typename Value>
+void KeyTree<Value>::Visit(const Node& node, int level, uint32_t x, uint32_t y, uint64_t since,
+                           Visitor visit) {
+  if (node.version <= since) return;
+  for (uint32_t child = 0; child < 64; ++child) {
+    const uint32_t child_x = x | ((child & 7) << (3 * level));
+    const uint32_t child_y = y | ((child >> 3) << (3 * level));
+    if (level > 0) {
+      const auto& next = static_cast<const Inner&>(node).children[child];
+      if (next) Visit(*next, level - 1, child_x, child_y, since, visit);
+    } else {
+      const Leaf& leaf = static_cast<const Leaf&>(node);
+      if (leaf.tiles[child] && leaf.versions[child] > since) {
+        visit({key_tree::Unbiased(child_x), key_tree::Unbiased(child_y)},
+              {leaf.tiles[child], leaf.revisions[child]});
+      }
+    }
+  }
+}
+
+template <typename Value>
+KeyTreeEditor<Value>::KeyTreeEditor(Tree base) : tree_(std::move(base)) {
+  tree_.version_ = key_tree::NextVersion();
+  tree_.lineage_ = tree_.version_;
+}
+
+template <typename Value>
+template <typename NodeType>
+NodeType& KeyTreeEditor<Value>::Own(std::shared_ptr<typename Tree::Node>& node) {
+  if (!node) {
+    node = std::make_shared<NodeType>();
+  } else if (node->version != tree_.version_) {
+    node = std::make_shared<NodeType>(static_cast<const NodeType&>(*node));
+  }
+  node->version = tree_.version_;
+  return static_cast<NodeType&>(*node);
+}
+
+template <typename Value>
+typename KeyTree<Value>::Leaf& KeyTreeEditor<Value>::OwnLeaf(TileKey key) {
+  while (tree_.height_ == 0 || !tree_.Covers(key)) {
+    std::shared_ptr<typename Tree::Node> below = std::move(tree_.root_);
+    tree_.root_ = nullptr;
+    if (below)
+      Own<typename Tree::Inner>(tree_.root_).children[key_tree::kCentreChild] = std::move(below);
+    ++tree_.height_;
+  }
+  const uint32_t x = key_tree::Biased(key.tx);
+  const uint32_t y = key_tree::Biased(key.ty);
+  std::shared_ptr<typename Tree::Node>* node = &tree_.root_;
+  for (int level = tree_.height_ - 1; level > 0; --level) {
+    auto& inner = Own<typename Tree::Inner>(*node);
+    node = &inner.children[key_tree::ChildIndex(x, y, level)];
+  }
+  return Own<typename Tree::Leaf>(*node);
+}
+
+template <typename Value>
+Value& KeyTreeEditor<Value>::Edit(TileKey key, uint64_t revision) {
+  auto& leaf = OwnLeaf(key);
+  const int child = key_tree::ChildInLeaf(key);
+  std::shared_ptr<const Value>& tile = leaf.tiles[child];
+  if (!tile) {
+    tile = std::make_shared<Value>();
+    ++tree_.size_;
+  } else if (leaf.is_shared[child] || leaf.versions[child] != tree_.version_) {
+    tile = std::make_shared<Value>(*tile);
+  }
+  leaf.revisions[child] = revision;
+  leaf.versions[child] = tree_.version_;
+  leaf.is_shared[child] = false;
+  // Made here as a non-const Value, and no frozen tree has it yet.
+  return const_cast<Value&>(*tile);
+}
+
+template <typename Value>
+void KeyTreeEditor<Value>::Put(TileKey key, std::shared_ptr<const Value> tile, uint64_t revision) {
+  auto& leaf = OwnLeaf(key);
+  const int child = key_tree::ChildInLeaf(key);
+  if (!leaf.tiles[child]) ++tree_.size_;
+  leaf.tiles[child] = std::move(tile);
+  leaf.revisions[child] = revision;
+  leaf.versions[child] = tree_.version_;
+  leaf.is_shared[child] = true;
+}
+
+template <typename Value>
+KeyTree<Value> KeyTreeEditor<Value>::Freeze() {
+  Tree frozen = tree_;
+  tree_.version_ = key_tree::NextVersion();
+  return frozen;
+}
+
+}  // namespace splinemap

@@ -1,0 +1,10 @@
+#include "lib/tiles/tile_tree.h"
+
+#include "lib/tiles/key_tree_impl.h"
+
+namespace splinemap {
+
+template class KeyTree<Tile>;
+template class KeyTreeEditor<Tile>;
+
+}  // namespace splinemap

@@ -1,0 +1,48 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "absl/status/status.h"
+#include "absl/types/span.h"
+#include "lcmtypes/message_table.h"
+#include "lib/base/utime.h"
+
+namespace splinemap {
+
+// The bytes before the fields of every message.
+inline constexpr size_t kFingerprintBytes = 8;
+
+// As users know it: "bot_core.planar_lidar_t".
+const char* TypeName(MessageType type);
+// The same by fingerprint; empty for one that is not known.
+std::string FingerprintName(uint64_t fingerprint);
+
+// The first eight bytes, or nothing where there are fewer.
+std::optional<uint64_t> FingerprintOf(absl::Span<const uint8_t> message);
+std::optional<MessageType> TypeOf(absl::Span<const uint8_t> message);
+std::optional<MessageType> TypeOfFingerprint(uint64_t fingerprint);
+
+bool IsScan(MessageType type);
+bool IsPose(MessageType type);
+// Of the RPCs: .._request_t and .._reply_t.
+bool IsRequest(MessageType type);
+bool IsReply(MessageType type);
+
+// What a message is, for people: the type's name, or the fingerprint and what is known of it, or
+// that it is no LCM message.
+std::string Describe(absl::Span<const uint8_t> message);
+
+// The 64 bits of a message's field that stands so many bytes behind the fingerprint. Requires that
+// the message is that long.
+int64_t FieldAt(absl::Span<const uint8_t> message, size_t offset);
+// The time stamp, of a message with utime as its first field that was decoded.
+Utime UtimeOf(absl::Span<const uint8_t> message);
+// A time from 1970 to the year 2200.
+absl::Status CheckUtime(int64_t utime);
+
+// InvalidArgument for another type, or where the counts do not fit the size.
+absl::Status CheckTypeAndSize(MessageType type, absl::Span<const uint8_t> message);
+
+}  // namespace splinemap

@@ -1,0 +1,135 @@
+#include "lib/wire/sensor_messages.h"
+
+#include <cmath>
+#include <numbers>
+
+#include "lcmtypes/bot_core/planar_lidar_t.hpp"
+#include "lcmtypes/bot_core/pose_t.hpp"
+#include "lcmtypes/bot_core/rigid_transform_t.hpp"
+#include "lcmtypes/michigan/lidar_t.hpp"
+#include "lcmtypes/michigan/pose_xyt_t.hpp"
+#include "lib/base/status.h"
+#include "lib/wire/message_type.h"
+
+namespace splinemap {
+namespace {
+
+// Sensors that look this far out of the horizontal plane make no planar map.
+constexpr double kMaxTilt_rad = 10 * std::numbers::pi / 180;
+
+absl::Status CheckUnitQuaternion(const char* type, const double q[4]) {
+  const double squared_norm = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
+  if (std::abs(std::sqrt(squared_norm) - 1) < 0.01) return absl::OkStatus();
+  return InvalidArgument("{} whose orientation is no unit quaternion: {} {} {} {}", type, q[0],
+                         q[1], q[2], q[3]);
+}
+
+absl::Status UnknownType(absl::Span<const uint8_t> message, const std::string& expected) {
+  return InvalidArgument("{}; {}", Describe(message), expected);
+}
+
+// Requires a message of this type.
+template <typename Message>
+absl::StatusOr<Message> DecodeSensor(absl::Span<const uint8_t> bytes) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckTypeAndSize(*TypeOf(bytes), bytes));
+  Message message{};
+  if (message.decode(bytes.data(), 0, static_cast<int>(bytes.size())) < 0) {
+    return InvalidArgument("{} that cannot be decoded", TypeName(*TypeOf(bytes)));
+  }
+  if constexpr (requires { message.utime; }) SPLINEMAP_RETURN_IF_ERROR(CheckUtime(message.utime));
+  return message;
+}
+
+absl::StatusOr<RangeReadings> DecodePlanarLidar(absl::Span<const uint8_t> bytes) {
+  SPLINEMAP_ASSIGN_OR_RETURN(auto message, DecodeSensor<bot_core::planar_lidar_t>(bytes));
+  if (!std::isfinite(message.rad0) || !std::isfinite(message.radstep)) {
+    return InvalidArgument("planar_lidar_t whose rad0 or radstep is not finite");
+  }
+  RangeReadings readings;
+  readings.utime = Utime(message.utime);
+  readings.bearings_rad.reserve(message.ranges.size());
+  for (size_t k = 0; k < message.ranges.size(); ++k) {
+    readings.bearings_rad.push_back(
+        static_cast<float>(double{message.rad0} + static_cast<double>(k) * message.radstep));
+  }
+  readings.ranges_m = std::move(message.ranges);
+  return readings;
+}
+
+absl::StatusOr<RangeReadings> DecodeMichiganLidar(absl::Span<const uint8_t> bytes) {
+  SPLINEMAP_ASSIGN_OR_RETURN(auto message, DecodeSensor<michigan::lidar_t>(bytes));
+  RangeReadings readings;
+  readings.utime = Utime(message.utime);
+  readings.ranges_m = std::move(message.ranges);
+  readings.bearings_rad = std::move(message.thetas);
+  readings.beam_utimes.reserve(message.times.size());
+  for (const int64_t utime : message.times) readings.beam_utimes.emplace_back(utime);
+  return readings;
+}
+
+absl::StatusOr<TimedPose> DecodeBotCorePose(absl::Span<const uint8_t> bytes) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto message, DecodeSensor<bot_core::pose_t>(bytes));
+  const double* q = message.orientation;
+  SPLINEMAP_RETURN_IF_ERROR(CheckUnitQuaternion("pose_t", q));
+  return TimedPose{Utime(message.utime),
+                   {{message.pos[0], message.pos[1]}, YawOfQuaternion(q[0], q[1], q[2], q[3])}};
+}
+
+absl::StatusOr<TimedPose> DecodeMichiganPose(absl::Span<const uint8_t> bytes) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto message, DecodeSensor<michigan::pose_xyt_t>(bytes));
+  return TimedPose{Utime(message.utime),
+                   {{double{message.x}, double{message.y}}, double{message.theta}}};
+}
+
+}  // namespace
+
+absl::StatusOr<RangeReadings> DecodeScan(absl::Span<const uint8_t> message) {
+  const auto type = TypeOf(message);
+  if (type == MessageType::kPlanarLidar) return DecodePlanarLidar(message);
+  if (type == MessageType::kLidar) return DecodeMichiganLidar(message);
+  return UnknownType(message, "scans are bot_core.planar_lidar_t or Michigan's lidar_t");
+}
+
+absl::StatusOr<TimedPose> DecodePose(absl::Span<const uint8_t> message) {
+  const auto type = TypeOf(message);
+  absl::StatusOr<TimedPose> pose = type == MessageType::kPose ? DecodeBotCorePose(message)
+                                   : type == MessageType::kPoseXyt
+                                       ? DecodeMichiganPose(message)
+                                       : UnknownType(message,
+                                                     "poses are bot_core.pose_t or "
+                                                     "Michigan's pose_xyt_t");
+  if (pose.ok() &&
+      !(pose->world_T_robot.position_m.allFinite() && std::isfinite(pose->world_T_robot.yaw_rad))) {
+    return InvalidArgument("pose that is not finite");
+  }
+  return pose;
+}
+
+absl::StatusOr<SensorMount> DecodeSensorMount(absl::Span<const uint8_t> message) {
+  if (TypeOf(message) != MessageType::kRigidTransform) {
+    return UnknownType(message, "extrinsics are a bot_core.rigid_transform_t");
+  }
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto transform,
+                             DecodeSensor<bot_core::rigid_transform_t>(message));
+  const double* q = transform.quat;
+  SPLINEMAP_RETURN_IF_ERROR(CheckUnitQuaternion("rigid_transform_t", q));
+  // The z component of the sensor's z axis.
+  const double turned_about_z = q[0] * q[0] + q[3] * q[3];
+  const double turned_over = q[1] * q[1] + q[2] * q[2];
+  const double up = (turned_about_z - turned_over) / (turned_about_z + turned_over);
+  const SensorMount mount{.robot_T_sensor = {{transform.trans[0], transform.trans[1]},
+                                             YawOfQuaternion(q[0], q[1], q[2], q[3])},
+                          .is_upside_down = up < 0};
+  if (!(mount.robot_T_sensor.position_m.norm() <= kMaxSensorDistance_m)) {
+    return InvalidArgument("rigid_transform_t that puts the sensor at ({}, {}) m; {} m is the most",
+                           transform.trans[0], transform.trans[1], kMaxSensorDistance_m);
+  }
+  if (const double tilt_rad = std::acos(std::min(std::abs(up), 1.0)); tilt_rad > kMaxTilt_rad) {
+    return InvalidArgument(
+        "rigid_transform_t that tilts the sensor by {:.0f} degrees; a planar map takes {:.0f}",
+        tilt_rad * 180 / std::numbers::pi, kMaxTilt_rad * 180 / std::numbers::pi);
+  }
+  return mount;
+}
+
+}  // namespace splinemap

@@ -1,0 +1,25 @@
+#pragma once
+
+#include <cstdint>
+
+#include "absl/status/statusor.h"
+#include "absl/types/span.h"
+#include "lib/sensing/pose_buffer.h"
+#include "lib/sensing/scan.h"
+#include "lib/sensing/sensor_options.h"
+
+namespace splinemap {
+
+// Decode what robots publish. Every count is checked against the bytes received before anything is
+// allocated. InvalidArgument for another type, a wrong size, a time stamp that is negative or
+// beyond the year 2200, a pose that is not finite or whose quaternion is not of unit length (to 1
+// %), a sensor that is tilted by more than 10 degrees.
+
+// A bot_core.planar_lidar_t or Michigan's lidar_t.
+absl::StatusOr<RangeReadings> DecodeScan(absl::Span<const uint8_t> message);
+// A bot_core.pose_t or Michigan's pose_xyt_t.
+absl::StatusOr<TimedPose> DecodePose(absl::Span<const uint8_t> message);
+// A bot_core.rigid_transform_t that maps the sensor's frame into the robot's.
+absl::StatusOr<SensorMount> DecodeSensorMount(absl::Span<const uint8_t> message);
+
+}  // namespace splinemap

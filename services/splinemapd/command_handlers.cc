@@ -1,0 +1,134 @@
+#include "services/splinemapd/command_handlers.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "absl/strings/escaping.h"
+#include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/layer_command_request_t.hpp"
+#include "lib/base/status.h"
+#include "lib/rpc/layer_command.h"
+#include "lib/wire/decode.h"
+
+namespace splinemap {
+namespace {
+
+std::string Quoted(const std::string& text) {
+  constexpr size_t kMaxLength = 64;
+  return absl::Utf8SafeCHexEscape(text.substr(0, kMaxLength));
+}
+
+absl::Status Change(LayerCommand command, const layer_command_request_t& request,
+                    const SessionId& session, LayerSettings& settings) {
+  switch (command) {
+    case LayerCommand::kMute:
+    case LayerCommand::kUnmute:
+      settings.muted = command == LayerCommand::kMute;
+      break;
+    case LayerCommand::kLowWeight:
+    case LayerCommand::kNormalWeight:
+      settings.low_weight = command == LayerCommand::kLowWeight;
+      break;
+    case LayerCommand::kShift:
+      settings.shift = {request.shift_i, request.shift_j};
+      break;
+    case LayerCommand::kRemove:
+      if (static_cast<uint64_t>(request.session_number) != session.number) {
+        return FailedPrecondition(
+            "the command is for session {} of layer {}, which is in session {}",
+            request.session_number, Quoted(request.name), session.number);
+      }
+      settings.Remove(session);
+      break;
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+void CommandHandlers::Execute(const std::vector<uint8_t>& command, RequestServer::Done done) {
+  if (!allowed_) {
+    done(absl::PermissionDeniedError(
+        "splinemapd takes no commands from the bus: --no-remote-commands"));
+    return;
+  }
+  if (const auto layer = Decode<layer_command_request_t>(command); layer.ok()) {
+    ChangeLayer(*layer, std::move(done));
+    return;
+  }
+  const auto request = Decode<command_request_t>(command);
+  if (!request.ok()) {
+    done(request.status());
+    return;
+  }
+  const auto session_number = static_cast<uint64_t>(request->session_number);
+  if (const absl::Status status = CheckSession(session_number); !status.ok()) {
+    done(status);
+  } else if (request->command == "save") {
+    Save(std::move(done));
+  } else if (request->command == "clear") {
+    Clear(session_number, std::move(done));
+  } else {
+    done(InvalidArgument("no such command: {}; the commands are save and clear",
+                         Quoted(request->command)));
+  }
+}
+
+absl::Status CommandHandlers::CheckSession(uint64_t session_number) const {
+  const uint64_t own = newest_.Own().session.number;
+  if (own == session_number) return absl::OkStatus();
+  return FailedPrecondition("the command is for session {} of the layer, which is in session {}",
+                            session_number, own);
+}
+
+void CommandHandlers::Save(RequestServer::Done done) { saver_.Save(std::move(done)); }
+
+void CommandHandlers::Clear(uint64_t session_number, RequestServer::Done done) {
+  const LayerSnapshot own = newest_.Own();
+  const SessionId next{session_number + 1, own.session.nonce};
+  mapping_.StartSession(
+      own.id, next, /*is_empty=*/true, [this, next, done = std::move(done)](const absl::Status& s) {
+        if (s.ok()) {
+          notices_.Report({.is_problem = false,
+                           .subject = "clear",
+                           .text = fmt::format("a client cleared the map; session {} starts empty",
+                                               next.number)});
+        }
+        done(s);
+      });
+}
+
+void CommandHandlers::ChangeLayer(const layer_command_request_t& request,
+                                  RequestServer::Done done) {
+  const auto command = LayerCommandOf(request.command);
+  if (!command) {
+    std::string names;
+    for (const LayerCommandText& known : kLayerCommands) {
+      names += (names.empty() ? "" : ", ") + std::string(known.name);
+    }
+    done(InvalidArgument("no such command: {}; the commands are {}", Quoted(request.command),
+                         names));
+    return;
+  }
+  const LayerId id{request.name, static_cast<uint64_t>(request.origin)};
+  replication_.Edit(
+      id,
+      [command = *command, request](const SessionId& session, LayerSettings& settings) {
+        return Change(command, request, session, settings);
+      },
+      [this, command = *command, id, done = std::move(done)](const absl::Status& changed) {
+        if (!changed.ok()) {
+          done(changed);
+          return;
+        }
+        const std::string name = Quoted(id.name);
+        notices_.Report(
+            {.is_problem = false,
+             .subject = fmt::format("layers {} {}", NameOf(command), name),
+             .text = fmt::format("a client sent {} for layer {}", NameOf(command), name)});
+        saver_.Save(done);
+      });
+}
+
+}  // namespace splinemap

@@ -1,0 +1,78 @@
+#include "services/splinemapd/layer_report.h"
+
+#include <algorithm>
+
+#include "lib/replication/settings_gossip.h"
+#include "lib/tiles/tile_codec.h"
+
+namespace splinemap {
+namespace {
+
+layer_status_t StatusOf(const LayerId& id, const LayerSettings& setting) {
+  layer_status_t status{};
+  status.settings = ToMessage(id, setting, /*has_layer=*/true);
+  status.heard_s_ago = -1;
+  return status;
+}
+
+const char* StateOf(const FollowedLayer& layer) {
+  if (layer.owner_is_silent) return "gone";
+  return layer.caught_up ? "live" : "stale";
+}
+
+}  // namespace
+
+std::vector<layer_status_t> LayerReport::Make(const LayerSet& set,
+                                              const std::vector<FollowedLayer>& followed) {
+  std::vector<layer_status_t> statuses;
+  std::map<LayerId, Summary> present;
+  for (const LayerSnapshot& layer : set.layers) {
+    const LayerSettings& setting = set.settings.Of(layer.id);
+    layer_status_t& status = statuses.emplace_back(StatusOf(layer.id, setting));
+    const Summary& summary = SummaryOf(layer);
+    status.session_number = static_cast<int64_t>(layer.session.number);
+    status.session_nonce = static_cast<int64_t>(layer.session.nonce);
+    status.state = "own";
+    status.heard_s_ago = 0;
+    const auto heard = std::find_if(followed.begin(), followed.end(),
+                                    [&](const auto& other) { return other.id == layer.id; });
+    if (heard != followed.end()) {
+      status.state = StateOf(*heard);
+      status.heard_s_ago = heard->heard_s_ago;
+    }
+    status.revision = static_cast<int64_t>(layer.revision);
+    status.num_tiles = static_cast<int64_t>(summary.hashes.num_tiles());
+    status.hash = static_cast<int64_t>(summary.hashes.hash());
+    const double knot_m = set.options.knot_interval_m;
+    const double side_m = Tile::kSide * knot_m;
+    status.area_m2 = static_cast<double>(status.num_tiles) * side_m * side_m;
+    if (status.num_tiles > 0) {
+      status.x0_m = summary.box.tx0 * side_m + setting.shift.i * knot_m;
+      status.y0_m = summary.box.ty0 * side_m + setting.shift.j * knot_m;
+      status.x1_m = summary.box.tx1 * side_m + setting.shift.i * knot_m;
+      status.y1_m = summary.box.ty1 * side_m + setting.shift.j * knot_m;
+    }
+    present.insert(summaries_.extract(layer.id));
+  }
+  summaries_ = std::move(present);
+  for (const auto& [id, setting] : set.settings.records()) {
+    if (setting.removed_up_to == 0 || summaries_.contains(id)) continue;
+    statuses.push_back(StatusOf(id, setting));
+    statuses.back().state = "removed";
+  }
+  return statuses;
+}
+
+const LayerReport::Summary& LayerReport::SummaryOf(const LayerSnapshot& layer) {
+  Summary& summary = summaries_[layer.id];
+  if (summary.lineage != layer.tiles.lineage()) summary = {};
+  summary.lineage = layer.tiles.lineage();
+  layer.tiles.ForEachChanged(summary.version, [&](TileKey key, const TileTree::Entry& entry) {
+    summary.hashes.Set(key, TileChecksum(key, *entry.tile));
+    summary.box.Add(key);
+  });
+  summary.version = layer.tiles.version();
+  return summary;
+}
+
+}  // namespace splinemap

@@ -1,0 +1,123 @@
+#include "services/splinemapd/mapping_thread.h"
+
+#include <algorithm>
+#include <future>
+#include <utility>
+
+namespace splinemap {
+namespace {
+
+// How old at most what others see of the map is, while messages pour in.
+constexpr std::chrono::milliseconds kPublishInterval(20);
+constexpr std::chrono::hours kForever(24);
+
+}  // namespace
+
+MappingThread::MappingThread(const config::Config& config, const MapOptions& map_options,
+                             Layer layer, NewestMap& newest, MapSaver& saver, NoticeLog& notices)
+    : newest_(newest),
+      saver_(saver),
+      notices_(notices),
+      mailbox_(size_t{config.service().max_queued_mb()} << 20),
+      layer_(std::move(layer)),
+      mapper_(config, map_options, layer_) {
+  PublishState();
+}
+
+void MappingThread::Start(std::function<void()> on_change) {
+  on_change_ = std::move(on_change);
+  mapping_ = std::jthread([this](const std::stop_token& stop) { Run(stop); });
+}
+
+void MappingThread::Run(const std::stop_token& stop) {
+  Clock::time_point last_published;
+  bool is_published = true;
+  while (true) {
+    const auto item =
+        is_published ? mailbox_.Pop(stop, Clock::now() + kForever) : mailbox_.TryPop();
+    if (!item && is_published && stop.stop_requested()) break;
+    if (item) {
+      if (const auto* task = std::get_if<Task>(&*item)) (*task)();
+      if (const auto* message = std::get_if<MailboxMessage>(&*item)) MapMessage(*message);
+      is_published = false;
+    }
+    // At once when nothing waits, else several commits together.
+    if (!is_published && (!item || Clock::now() - last_published > kPublishInterval)) {
+      PublishState();
+      last_published = Clock::now();
+      is_published = true;
+    }
+  }
+  mapper_.Flush();
+  PublishState();
+}
+
+void MappingThread::MapMessage(const MailboxMessage& message) {
+  const uint64_t revision_before = layer_.revision();
+  const auto begin = Clock::now();
+  mapper_.HandleMessage(message.channel, message.bytes);
+  const auto end = Clock::now();
+  const auto scans = static_cast<int64_t>(layer_.revision() - revision_before);
+  if (scans <= 0) return;
+  unpublished_.scans += scans;
+  unpublished_.scan_time += end - begin;
+  unpublished_.longest_scan_time =
+      std::max<std::chrono::nanoseconds>(unpublished_.longest_scan_time, (end - begin) / scans);
+  unpublished_.last_mapped = end;
+}
+
+void MappingThread::PublishState() {
+  for (const Notice& notice : mapper_.DrainNotices()) notices_.Report(notice);
+  newest_.SetOwn(layer_.Snapshot());
+  {
+    MutexLock lock(mutex_);
+    state_.counts = mapper_.counts();
+    state_.scans_queued = mapper_.scans_queued();
+    state_.newest_scan_utime = mapper_.newest_scan_utime();
+    if (unpublished_.last_mapped) state_.last_mapped = unpublished_.last_mapped;
+    state_.scans += unpublished_.scans;
+    state_.scan_time += unpublished_.scan_time;
+    state_.longest_scan_time = std::max(state_.longest_scan_time, unpublished_.longest_scan_time);
+  }
+  unpublished_ = {};
+  if (on_change_) on_change_();
+}
+
+void MappingThread::StartSession(LayerId id, SessionId session, bool is_empty, Done done) {
+  mailbox_.Post([=, this, id = std::move(id), done = std::move(done)] {
+    LayerSnapshot own = layer_.Snapshot();
+    own.id = id;
+    own.session = session;
+    if (is_empty) {
+      own.tiles = {};
+      ++own.revision;
+    }
+    std::promise<absl::Status> promise;
+    saver_.SaveSession(own, [&promise](const absl::Status& status) { promise.set_value(status); });
+    const absl::Status saved = promise.get_future().get();
+    if (saved.ok() && is_empty) {
+      layer_.StartEmptySession(session);
+    } else if (saved.ok()) {
+      layer_.StartSession(id, session);
+    }
+    PublishState();
+    done(saved);
+  });
+}
+
+MappingThread::State MappingThread::DrainState() {
+  MutexLock lock(mutex_);
+  State state = state_;
+  state.messages_queued = mailbox_.num_messages();
+  state_.scans = 0;
+  state_.scan_time = {};
+  state_.longest_scan_time = {};
+  return state;
+}
+
+void MappingThread::Stop() {
+  mapping_.request_stop();
+  if (mapping_.joinable()) mapping_.join();
+}
+
+}  // namespace splinemap

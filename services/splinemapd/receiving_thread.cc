@@ -1,0 +1,61 @@
+#include "services/splinemapd/receiving_thread.h"
+
+#include <optional>
+#include <utility>
+
+#include "lib/base/clock.h"
+
+namespace splinemap {
+namespace {
+
+using std::chrono::milliseconds;
+
+// The bus itself is looked after once a second.
+constexpr milliseconds kLongest(1000);
+// Messages that are still under way at the end are received for at most this long.
+constexpr milliseconds kMaxDrain(2000);
+
+}  // namespace
+
+void ReceivingThread::Subscribe(const std::string& channel, Handler handler) {
+  std::atomic<int64_t>& received = received_[channel];
+  bus_.Subscribe(channel, [&received, handler = std::move(handler)](
+                              const std::string& name, absl::Span<const uint8_t> message) {
+    ++received;
+    handler(name, message);
+  });
+}
+
+void ReceivingThread::Start() {
+  receiving_ = std::jthread([this](const std::stop_token& stop) { Run(stop); });
+}
+
+void ReceivingThread::Run(const std::stop_token& stop) {
+  const std::stop_callback wake(stop, [this] { bus_.Wake(); });
+  while (!stop.stop_requested()) {
+    bus_.Handle(kLongest);
+    ReportNews();
+  }
+  const auto deadline = Clock::now() + kMaxDrain;
+  while (bus_.Handle(milliseconds(0)) == LcmBus::Handled::kMessage && Clock::now() < deadline) {
+  }
+}
+
+void ReceivingThread::ReportNews() {
+  const std::optional<std::string> news = bus_.DrainNews();
+  if (!news) return;
+  notices_.Forget("bus");
+  notices_.Forget(std::string(ProblemName(Problem::kBusAway)) + " ");
+  if (bus_.Problem().empty()) {
+    notices_.Report({.is_problem = false, .subject = "bus", .text = *news});
+  } else {
+    notices_.ReportProblem(Problem::kBusAway, "", *news);
+  }
+}
+
+void ReceivingThread::Stop() {
+  receiving_.request_stop();
+  if (receiving_.joinable()) receiving_.join();
+}
+
+}  // namespace splinemap

@@ -1,0 +1,96 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "absl/status/status.h"
+#include "absl/types/span.h"
+#include "lib/base/mutex.h"
+#include "lib/replication/layer_exchange.h"
+#include "lib/wire/lcm_bus.h"
+#include "services/splinemapd/mailbox.h"
+#include "services/splinemapd/newest_map.h"
+#include "services/splinemapd/notice_log.h"
+
+namespace splinemap {
+
+// Owns the daemon's LayerExchange: publishes its layer and follows others, in a thread of its own,
+// so that neither the map nor what is received waits for followers. Thread-safe.
+class ReplicationThread {
+ public:
+  using Done = std::function<void(const absl::Status&)>;
+  using Change = std::function<absl::Status(const SessionId& session, LayerSettings& settings)>;
+  // Has the own layer continue in another session; see MappingThread.
+  using StartSession = std::function<void(LayerId id, SessionId session, bool is_empty, Done done)>;
+
+  // The others outlive it. Begins with the layers of others and the settings of `kept`.
+  ReplicationThread(LcmBus& bus, const FollowOptions& follow, const PublisherOptions& publisher,
+                    const LayerSet& kept, NewestMap& newest, NoticeLog& notices);
+
+  void Start(StartSession start_session);
+
+  // Any bytes on ReplicationChannels(). Does not wait; when too many wait, the oldest are dropped
+  // and counted: followers ask again.
+  void Handle(absl::Span<const uint8_t> message);
+
+  // The newest map has a new state of the own layer.
+  void OnOwnChange();
+
+  // As LayerExchange::Edit(), for `done` in the thread.
+  void Edit(LayerId id, Change change, Done done);
+
+  // For status messages; at most half a second old while the thread runs.
+  struct Report {
+    std::vector<FollowedLayer> followed;
+    std::vector<std::string> refused;
+    uint64_t settings_hash = 0;
+    bool is_full = false;
+    // Since the last report.
+    bool heard_earlier_session = false;  // of the own layer
+    std::vector<LayerId> same_names;     // other layers of the own name
+    // In all.
+    int64_t refused_settings = 0;  // that nobody can have made
+    int64_t ignored_settings = 0;  // that are not taken here
+    int64_t malformed = 0;         // messages
+    int64_t dropped = 0;           // messages that came faster than they were handled
+  };
+  Report DrainReport();
+
+  // Sends what waits and a last digest, and ends the thread.
+  void Stop();
+
+ private:
+  void Run(const std::stop_token& stop);
+  void HandleItem(const Mailbox::Item& item);
+  void CheckSession(Clock::time_point now);
+  void StartNewSession(LayerId id, SessionId session, bool is_empty,
+                       std::function<void()> on_success, const std::string& failure, Done done);
+  void StartAfterRemoval(Done done);
+  void UseNewest();
+  void Publish(const std::vector<ReplicationMessage>& messages);
+  void UpdateReport(Clock::time_point now);
+
+  LcmBus& bus_;
+  const std::string channel_prefix_;
+  const uint64_t speaker_;
+  NewestMap& newest_;
+  NoticeLog& notices_;
+  StartSession start_session_;
+  Mailbox mailbox_;
+  std::atomic<bool> is_own_changed_ = false;
+  // Of the thread, while it runs.
+  LayerExchange exchange_;
+  uint64_t used_version_ = 0;  // of the followed layers in newest_
+  bool is_starting_ = false;   // a session
+  Clock::time_point next_session_check_;
+  Clock::time_point next_report_;
+  Mutex mutex_;
+  Report report_ ABSL_GUARDED_BY(mutex_);
+  std::jthread replicating_;
+};
+
+}  // namespace splinemap

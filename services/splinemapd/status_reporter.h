@@ -1,0 +1,75 @@
+#pragma once
+
+#include <chrono>
+#include <deque>
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "lcmtypes/splinemap/layers_t.hpp"
+#include "lcmtypes/splinemap/status_t.hpp"
+#include "lib/config/config.h"
+#include "services/splinemapd/host_clock_watch.h"
+#include "services/splinemapd/layer_report.h"
+#include "services/splinemapd/map_saver.h"
+#include "services/splinemapd/mapping_thread.h"
+#include "services/splinemapd/newest_map.h"
+#include "services/splinemapd/notice_log.h"
+#include "services/splinemapd/receiving_thread.h"
+#include "services/splinemapd/replication_thread.h"
+#include "services/splinemapd/request_server.h"
+#include "services/splinemapd/silence_watch.h"
+
+namespace splinemap {
+
+// Makes the status messages of a daemon, and reports what is wrong with it once a second.
+// Thread-compatible.
+class StatusReporter {
+ public:
+  // The parts of the daemon that it reports on; all outlive it.
+  struct Parts {
+    NewestMap& newest;
+    NoticeLog& notices;
+    ReceivingThread& receiving;
+    MappingThread& mapping;
+    ReplicationThread& replication;
+    RequestServer& requests;
+    MapSaver& saver;
+  };
+  StatusReporter(const config::Config& config, const Parts& parts);
+
+  // Checks the daemon and its surroundings, and reports what changed since the last call.
+  void CheckHealth();
+
+  status_t MakeStatus();
+  layers_t MakeLayers();
+
+ private:
+  void CheckClock();
+  void CheckSilence();
+  void CheckLosses();
+  void CheckRequests();
+  void CheckLayers(const ReplicationThread::Report& report);
+  void CheckDuplicateNames();
+  void ReportDuplicateName(const LayerId& first, const LayerId& second);
+  int64_t DroppedByOverload() const;
+  // The growth of a count since the last call.
+  int64_t Growth(const std::string& count, int64_t value);
+
+  const config::Config config_;
+  const Parts parts_;
+  const Clock::time_point started_ = Clock::now();
+  HostClockWatch host_clock_;
+  std::map<std::string, SilenceWatch> silences_;  // by channel
+  std::set<std::string> extrinsics_channels_;
+  std::map<std::string, int64_t> counts_;
+  std::set<std::string> reported_refused_;
+  std::set<LayerId> reported_names_;
+  std::map<LayerId, int64_t> disowned_;
+  bool was_full_ = false;
+  ReplicationThread::Report replication_;  // of the last CheckHealth()
+  LayerReport layer_report_;
+};
+
+}  // namespace splinemap

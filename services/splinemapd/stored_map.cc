@@ -1,0 +1,102 @@
+#include "services/splinemapd/stored_map.h"
+
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "lib/base/random.h"
+#include "lib/base/status.h"
+
+namespace splinemap {
+namespace {
+
+absl::Status CheckMethod(const config::Method& method, const MapOptions& file,
+                         const std::string& path) {
+  const MapOptions wanted = MapOptionsOf(method);
+  const bool asks_for_min = method.has_preset() || method.has_clamp_min();
+  const bool asks_for_max = method.has_preset() || method.has_clamp_max();
+  const bool fits =
+      (!method.has_knot_interval_m() || wanted.knot_interval_m == file.knot_interval_m) &&
+      (!asks_for_min || wanted.limits.min == file.limits.min) &&
+      (!asks_for_max || wanted.limits.max == file.limits.max);
+  if (fits) return absl::OkStatus();
+  return FailedPrecondition(
+      "{} was made with knot_interval_m {}, clamp_min {} and clamp_max {}, and the configuration "
+      "says otherwise; give another file with --map, or these values",
+      path, file.knot_interval_m, file.limits.min / double{kUnitsPerLogOdds},
+      file.limits.max / double{kUnitsPerLogOdds});
+}
+
+// The layer that this daemon continued last; of a file that was built or merged, the one of its
+// name. Others of its name are of others.
+std::vector<LayerSnapshot>::iterator OwnLayerOf(LayerSet& set, const std::string& name) {
+  return std::find_if(set.layers.begin(), set.layers.end(), [&](const LayerSnapshot& layer) {
+    return layer.id.name == name && (!set.own_layer || layer.id == *set.own_layer);
+  });
+}
+
+// Beyond half of what may be said somebody else has counted, and may go on.
+bool HasRoomToCount(uint64_t session_number, uint64_t revision) {
+  return session_number <= SessionId::kMaxNumber / 2 && revision <= kMaxRevision / 2;
+}
+
+void ReportCorruption(const LoadedMap& loaded, const std::string& path, NoticeLog& notices) {
+  constexpr size_t kMaxLines = 5;
+  const std::vector<std::string>& corruption = loaded.corruption;
+  if (corruption.empty()) return;
+  std::string text = fmt::format(
+      "{}: {} corrupt records were skipped; the next save rewrites the file, and the corrupt one "
+      "is "
+      "kept as {}",
+      path, corruption.size(), loaded.kept_copy);
+  for (size_t k = 0; k < std::min(corruption.size(), kMaxLines); ++k) text += "; " + corruption[k];
+  notices.Report({.subject = "corruption", .text = std::move(text)});
+}
+
+// The layer in the session after its last one, without what was removed.
+Layer Continue(const LayerSnapshot& last, const LayerSettings& settings, bool takes_commands,
+               NoticeLog& notices) {
+  const SessionId next{last.session.number + 1, RandomId()};
+  const bool is_removed = settings.IsRemoved(next) && takes_commands;
+  const uint64_t number = is_removed ? settings.removed_up_to + 1 : next.number;
+  if (HasRoomToCount(number, last.revision)) {
+    return is_removed ? Layer(last.id, {number, next.nonce}) : Layer(last, next);
+  }
+  Layer fresh(LayerId{last.id.name, RandomId()}, {1, next.nonce});
+  if (!is_removed) {
+    last.tiles.ForEach(
+        [&](TileKey key, const TileTree::Entry& entry) { fresh.RestoreTile(key, entry.tile, 1); });
+  }
+  notices.Report({.subject = "identity",
+                  .text = fmt::format(
+                      "session {} and commit {} of {} leave no room to count on, so it continues "
+                      "as another layer, origin {:016x}; followers that have the layer of origin "
+                      "{:016x} add up both: splinemap control removes it",
+                      number, last.revision, last.id.name, fresh.id().origin, last.id.origin)});
+  return fresh;
+}
+
+}  // namespace
+
+absl::StatusOr<StoredMap> LoadStoredMap(const config::Config& config, MapFile& file,
+                                        NoticeLog& notices) {
+  LayerSet set{.options = MapOptionsOf(config.method())};
+  if (const absl::StatusOr<LoadedMap> loaded = file.Load(); !absl::IsNotFound(loaded.status())) {
+    SPLINEMAP_RETURN_IF_ERROR(loaded.status());
+    ReportCorruption(*loaded, file.path(), notices);
+    set = loaded->set;
+    SPLINEMAP_RETURN_IF_ERROR(CheckMethod(config.method(), set.options, file.path()));
+  }
+  const std::string name = RobotName(config);
+  const auto own = OwnLayerOf(set, name);
+  if (own == set.layers.end()) {
+    Layer fresh(LayerId{name, RandomId()}, {1, RandomId()});
+    return StoredMap{set.options, std::move(fresh), std::move(set)};
+  }
+  Layer layer =
+      Continue(*own, set.settings.Of(own->id), config.service().remote_commands(), notices);
+  set.layers.erase(own);
+  return StoredMap{set.options, std::move(layer), std::move(set)};
+}
+
+}  // namespace splinemap

@@ -1,0 +1,300 @@
+#include "lib/map/map_view.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <limits>
+#include <map>
+#include <memory>
+#include <random>
+#include <thread>
+#include <vector>
+
+#include "lib/base/mutex.h"
+#include "lib/tiles/sum_tiles.h"
+#include "tests/support/map_writer.h"
+#include "tests/support/random_map.h"
+
+namespace splinemap::map_view_test {
+
+constexpr ControlLimits kLimits;
+
+TEST(ControlPointTest, TouchedIsNeverZeroAndStaysWithinLimits) {
+  EXPECT_EQ(ClampTouched(0, kLimits), 1);
+  EXPECT_EQ(ClampTouched(-1, kLimits), -1);
+  EXPECT_EQ(ClampTouched(1 << 30, kLimits), kLimits.max);
+  EXPECT_EQ(ClampTouched(-(1 << 30), kLimits), kLimits.min);
+}
+
+TEST(KnotTest, LocatesOnBothSidesOfTheOrigin) {
+  EXPECT_EQ(LocateKnot(0.0, 0.05)->index, 0);
+  EXPECT_EQ(LocateKnot(-0.01, 0.05)->index, -1);
+  EXPECT_NEAR(LocateKnot(-0.01, 0.05)->t, 0.8, 1e-12);
+  EXPECT_EQ(TileOf(-1, -33), (TileKey{-1, -2}));
+  EXPECT_EQ(IndexInTile(-1, -32), 31);
+}
+
+TEST(KnotTest, RefusesWhatIsNoCoordinate) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  for (const double bad : {infinity, -infinity, std::nan(""), 1e300, -1.4e7, 1.4e7}) {
+    EXPECT_FALSE(LocateKnot(bad, 0.05)) << bad;
+  }
+}
+
+TEST(SumTilesTest, DoesNotDependOnOrderOrGrouping) {
+  std::mt19937_64 random(1);
+  std::vector<Tile> tiles;
+  for (int k = 0; k < 6; ++k) tiles.push_back(RandomTile(random));
+  std::vector<const Tile*> pointers = {nullptr};
+  for (const Tile& tile : tiles) pointers.push_back(&tile);
+  const Tile merged = SumTiles(pointers, kLimits);
+  for (int n = 0; n < 50; ++n) {
+    std::shuffle(pointers.begin(), pointers.end(), random);
+    EXPECT_EQ(SumTiles(pointers, kLimits), merged);
+  }
+}
+
+TEST(SumTilesTest, ClampsOnceAtTheEnd) {
+  // Saturating adds in between would give max + min = 0.
+  std::array<Tile, 3> tiles;
+  tiles[0].control_points[0] = kLimits.max;
+  tiles[1].control_points[0] = kLimits.max;
+  tiles[2].control_points[0] = kLimits.min;
+  EXPECT_EQ(SumTiles({&tiles[0], &tiles[1], &tiles[2]}, kLimits).control_points[0], kLimits.max);
+}
+
+TEST(SumTilesTest, WhatCancelsStaysKnown) {
+  std::array<Tile, 2> tiles;
+  tiles[0].control_points[0] = 5;
+  tiles[1].control_points[0] = -5;
+  const Tile merged = SumTiles({&tiles[0], &tiles[1]}, kLimits);
+  EXPECT_EQ(merged.control_points[0], 1);
+  EXPECT_EQ(merged.control_points[1], 0);
+}
+
+// The definition.
+Tile SimplySummed(const std::vector<const Tile*>& tiles, ControlLimits limits) {
+  Tile merged;
+  for (int k = 0; k < Tile::kSize; ++k) {
+    int32_t sum = 0;
+    bool touched = false;
+    for (const Tile* tile : tiles) {
+      if (tile == nullptr) continue;
+      sum += tile->control_points[k];
+      touched |= tile->control_points[k] != 0;
+    }
+    if (touched) merged.control_points[k] = ClampTouched(sum, limits);
+  }
+  return merged;
+}
+
+TEST(SumTilesTest, EveryMergerGivesTheSameBytes) {
+  std::mt19937_64 random(4);
+  for (const ControlLimits limits : {kLimits, ControlLimits{-3000, 700}}) {
+    for (int count = 0; count <= 9; ++count) {
+      std::vector<Tile> tiles;
+      std::vector<const Tile*> pointers;
+      for (int k = 0; k < count; ++k) tiles.push_back(RandomTile(random));
+      for (const Tile& tile : tiles) pointers.push_back(random() % 5 == 0 ? nullptr : &tile);
+      if (count > 1) {  // some that cancel
+        for (int k = 0; k < 40; ++k) tiles[0].control_points[k] = -tiles[1].control_points[k];
+      }
+      const Tile expected = SimplySummed(pointers, limits);
+      for (const TileMerger& merger : TileMergers()) {
+        Tile merged;
+        merger.merge(pointers, limits, merged);
+        EXPECT_EQ(merged, expected) << merger.name << ", " << count << " tiles";
+      }
+    }
+  }
+}
+
+// The view, kept up incrementally, equals the sum of the layers at every commit.
+TEST(MapViewTest, FollowsRandomCommits) {
+  std::mt19937_64 random(2);
+  MapWriter map({0.05, kLimits});
+  std::vector<Layer*> layers;
+  for (uint64_t k = 1; k <= 3; ++k) layers.push_back(&map.AddLayer({"robot", k}, {1, 1}));
+  for (int n = 0; n < 60; ++n) {
+    for (Layer* layer : layers) {
+      if (random() % 3 == 0) continue;
+      layer->BeginCommit();
+      for (int edit = 0; edit < 3; ++edit) {
+        Tile& tile = layer->EditTile(RandomKey(random, 6));
+        tile.control_points[random() % Tile::kSize] =
+            static_cast<ControlPoint>(random() % 20000 - 10000);
+      }
+    }
+    const LayerSet set = map.Layers();
+    const auto view = map.View();
+    std::map<std::pair<int, int>, std::vector<const Tile*>> by_key;
+    uint64_t revision = 0;
+    for (const LayerSnapshot& layer : set.layers) {
+      revision += layer.revision;
+      layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+        by_key[{key.tx, key.ty}].push_back(entry.tile.get());
+      });
+    }
+    ASSERT_EQ(view->revision, revision);
+    ASSERT_EQ(view->tiles.size(), by_key.size());
+    for (const auto& [key, tiles] : by_key) {
+      const Tile* merged = view->tiles.Find({key.first, key.second});
+      ASSERT_NE(merged, nullptr);
+      ASSERT_EQ(*merged, SumTiles(tiles, kLimits));
+    }
+  }
+}
+
+TEST(MapViewTest, ALayerThatGoesOnKeepsItsTilesAndRevision) {
+  MapWriter map({0.05, kLimits});
+  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+  layer.BeginCommit();
+  layer.EditTile({0, 0}).control_points[0] = 4;
+  const LayerSet set = map.Layers();
+  const auto view = map.View();
+  MapWriter next({0.05, kLimits});
+  Layer& continued = next.ContinueLayer(set.layers[0], {2, 9});
+  EXPECT_EQ(continued.id(), layer.id());
+  EXPECT_EQ(continued.session().number, 2u);
+  EXPECT_EQ(continued.revision(), 1u);
+  continued.BeginCommit();
+  continued.EditTile({0, 0}).control_points[0] = 5;
+  EXPECT_EQ(next.Layers().layers[0].tiles.RevisionOf({0, 0}), 2u);
+  EXPECT_EQ(set.layers[0].tiles.Find({0, 0})->control_points[0], 4);
+  EXPECT_EQ(view->tiles.Find({0, 0})->control_points[0], 4);
+}
+
+TEST(LayerTest, UpdatesOfATileMayComeTwiceLateAndOutOfOrder) {
+  std::vector<std::shared_ptr<const Tile>> versions;
+  for (ControlPoint value = 1; value <= 5; ++value) {
+    auto tile = std::make_shared<Tile>();
+    tile->control_points.fill(value);
+    versions.push_back(tile);
+  }
+  MapWriter map({0.05, kLimits});
+  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+  map.AddLayer({"robot", 2}, {1, 1});
+  for (const uint64_t revision : {2, 4, 4, 1, 5, 3}) {
+    layer.RestoreTile({0, 0}, versions[revision - 1], revision);
+    layer.RestoreTile({int32_t(revision), 7}, versions[revision - 1], revision);
+    // A tile with an old revision that comes late is in the next view, too.
+    EXPECT_NE(map.View()->tiles.Find({int32_t(revision), 7}), nullptr);
+  }
+  EXPECT_EQ(map.View()->tiles.Find({0, 0})->control_points[0], 5);
+  EXPECT_EQ(layer.revision(), 5u);
+}
+
+TEST(MapViewTest, KnownIsWhereTheNearestControlPointWasTouched) {
+  MapWriter map({0.1, kLimits});
+  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+  layer.BeginCommit();
+  layer.EditTile({0, 0}).control_points[IndexInTile(3, 5)] = -1;
+  const auto view = map.View();
+  EXPECT_TRUE(view->Evaluate(0.3, 0.5).known);
+  EXPECT_TRUE(view->Evaluate(0.26, 0.54).known);
+  EXPECT_FALSE(view->Evaluate(0.24, 0.5).known);
+  EXPECT_FALSE(view->Evaluate(0.3, 0.56).known);
+}
+
+// Control points one by one, and the plain code of EvaluatePatch().
+SurfaceSample SimplyEvaluated(const TileTree& tiles, double x_m, double y_m) {
+  constexpr double kKnot = 0.05;
+  const auto x = LocateKnot(x_m, kKnot);
+  const auto y = LocateKnot(y_m, kKnot);
+  if (!x || !y) return {};
+  ControlPatch patch = ControlPatch::Zero();
+  for (int row = 0; row < 4; ++row) {
+    for (int column = 0; column < 4; ++column) {
+      const int32_t i = x->index - 1 + column;
+      const int32_t j = y->index - 1 + row;
+      const Tile* tile = tiles.Find(TileOf(i, j));
+      if (tile == nullptr) continue;
+      patch(row, column) = tile->control_points[IndexInTile(i, j)] / double{kUnitsPerLogOdds};
+    }
+  }
+  SurfaceSample sample = EvaluatePatch(patch, x->t, y->t, kKnot);
+  sample.known = patch(y->t < 0.5 ? 1 : 2, x->t < 0.5 ? 1 : 2) != 0;
+  return sample;
+}
+
+TEST(MapViewTest, ManyPointsAtOnceGiveTheSameBytes) {
+  std::mt19937_64 random(5);
+  MapWriter map({0.05, kLimits});
+  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+  layer.BeginCommit();
+  for (int n = 0; n < 30; ++n) layer.EditTile(RandomKey(random, 3)) = RandomTile(random);
+  const auto view = map.View();
+  std::uniform_real_distribution<double> coordinate_m(-7, 7);
+  std::vector<Eigen::Vector2d> points_m = {{std::nan(""), 0}, {0, 1e300}, {1e5, 1e5}};
+  while (points_m.size() < 5001) {
+    const double x_m = coordinate_m(random);
+    points_m.emplace_back(x_m, coordinate_m(random));
+  }
+  std::vector<SurfaceSample> samples(points_m.size());
+  view->EvaluateMany(points_m, absl::MakeSpan(samples));
+  int known = 0;
+  for (size_t n = 0; n < points_m.size(); ++n) {
+    const SurfaceSample expected = SimplyEvaluated(view->tiles, points_m[n].x(), points_m[n].y());
+    ASSERT_EQ(samples[n].log_odds, expected.log_odds) << points_m[n].transpose();
+    ASSERT_EQ(samples[n].gradient_per_m, expected.gradient_per_m);
+    ASSERT_EQ(samples[n].known, expected.known);
+    known += samples[n].known;
+  }
+  EXPECT_GT(known, 500);
+  EXPECT_LT(known, 4000);
+}
+
+TEST(MapViewTest, FarAndUndefinedPointsAreUnknown) {
+  MapWriter map({0.05, kLimits});
+  map.AddLayer({"robot", 1}, {1, 1});
+  const auto view = map.View();
+  for (const double x : {std::nan(""), 1e300, -std::numeric_limits<double>::infinity(), 1e5}) {
+    const SurfaceSample sample = view->Evaluate(x, 0);
+    EXPECT_FALSE(sample.known);
+    EXPECT_EQ(sample.log_odds, 0);
+    EXPECT_EQ(sample.gradient_per_m.norm(), 0);
+  }
+}
+
+// Every commit writes its number into all of four tiles; no reader may see two numbers.
+TEST(MapViewTest, ReadersNeverSeeHalfACommit) {
+  MapWriter map({0.05, kLimits});
+  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+  Mutex mutex;
+  std::shared_ptr<const MapView> newest = map.View();
+  std::atomic<bool> done = false;
+  std::atomic<int> torn = 0;
+  std::atomic<int> read = 0;
+  const auto reader = [&] {
+    while (!done) {
+      std::shared_ptr<const MapView> view;
+      {
+        MutexLock lock(mutex);
+        view = newest;
+      }
+      const auto commit = static_cast<ControlPoint>(view->revision);
+      view->tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
+        for (const ControlPoint c : entry.tile->control_points) torn += c != commit;
+      });
+      ++read;
+    }
+  };
+  std::vector<std::jthread> readers;
+  for (int k = 0; k < 3; ++k) readers.emplace_back(reader);
+  for (int commit = 1; commit <= 2000; ++commit) {
+    layer.BeginCommit();
+    for (const TileKey key : {TileKey{0, 0}, TileKey{-1, 0}, TileKey{40, 3}, TileKey{0, -9}}) {
+      layer.EditTile(key).control_points.fill(static_cast<ControlPoint>(commit));
+    }
+    auto view = map.View();
+    MutexLock lock(mutex);
+    newest = std::move(view);
+  }
+  while (read < 10) std::this_thread::yield();
+  done = true;
+  readers.clear();
+  EXPECT_EQ(torn, 0);
+}
+
+}  // namespace splinemap::map_view_test
