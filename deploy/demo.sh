@@ -158,7 +158,7 @@ main() {
   "$top/deploy/own_bus.sh" "$0" --play "$log" "$speed" "$scans" "$messages" "$@" "${chosen[@]}"
 
   splinemap render "$out/demo.splinemap"
-  splinemap render "$out/demo.splinemap" "$out/map.png" 2> /dev/null
+  splinemap render "$out/demo.splinemap" "$out/map.png" --force 2> /dev/null
   splinemap info "$out/demo.splinemap"
   echo "The map: $out/map.png (and $out/demo.splinemap)"
 }

@@ -27,6 +27,8 @@ esac
 
 # shellcheck source=deploy/packages.sh
 source deploy/packages.sh
+# shellcheck source=deploy/time_taken.sh
+source deploy/time_taken.sh
 install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" "${TEST_PACKAGES[@]}"
 
 configure() {
@@ -45,6 +47,20 @@ run() {
   test_with "$@"
 }
 
+# All unit tests in a few processes: to start one for each test takes longer than the tests.
+run_unit_tests() {
+  local shards shard programs=(build/asan/tests/unit_tests build/asan/tests/decode_test) jobs=()
+  shards=$(nproc)
+  for program in "${programs[@]}"; do
+    for ((shard = 0; shard < shards; ++shard)); do
+      GTEST_TOTAL_SHARDS=$shards GTEST_SHARD_INDEX=$shard "$program" --gtest_brief=1 &
+      jobs+=($!)
+    done
+    for job in "${jobs[@]}"; do wait "$job"; done
+    jobs=()
+  done
+}
+
 preset=${1:-}
 (($#)) && shift
 case $preset in
@@ -52,9 +68,14 @@ case $preset in
   asan) run asan -L unit "$@" ;;
   tsan) run tsan -R '^(DaemonTest|MailboxTest|MapViewTest|RequestServerTest|CommandTest|asking)' "$@" ;;
   "")
-    run asan -L unit
+    configure asan
+    cmake --build --preset asan
+    run_unit_tests
+    test_with asan -L fuzz
     configure dev
     cmake --build build/dev
-    test_with dev -L integration
+    # Mostly they wait for something.
+    ctest --preset dev --parallel $((2 * $(nproc))) --progress -L integration
     ;;
 esac
+print_time_taken tests/run.sh

@@ -17,8 +17,8 @@
 #include "lib/base/mutex.h"
 #include "lib/base/plain_text.h"
 #include "lib/base/status.h"
-#include "lib/query/local_map.h"
-#include "lib/replica/map_replica.h"
+#include "splinemap/local_map.h"
+#include "splinemap/replica.h"
 #include "lib/wire/lcm_bus.h"
 #include "lib/wire/sensor_messages.h"
 

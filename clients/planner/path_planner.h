@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "lib/query/queryable_map.h"
-#include "lib/tiles/region.h"
+#include "splinemap/queryable_map.h"
+#include "splinemap/region.h"
 
 namespace splinemap {
 

@@ -4,7 +4,7 @@
 
 #include "absl/status/status.h"
 #include "clients/planner/path_planner.h"
-#include "lib/map/map_view.h"
+#include "splinemap/map_view.h"
 
 namespace splinemap {
 

@@ -1,16 +1,19 @@
 #include "clients/splinemap/answer_lines.h"
 
+#include <CLI/App.hpp>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <iostream>
+#include <nlohmann/json.hpp>
 #include <optional>
 
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_split.h"
-#include "clients/splinemap/say.h"
+#include "clients/splinemap/print.h"
 #include "lib/base/status.h"
+#include "splinemap/queryable_map.h"
 
 namespace splinemap {
 namespace {
@@ -33,7 +36,13 @@ std::optional<Row> ParseRow(const std::string& line, const LineAnswers& answers)
   return row;
 }
 
-absl::Status AnswerBatch(const QueryableMap& map, const LineAnswers& answers,
+nlohmann::json ToJsonValue(const std::string& word) {
+  double number = 0;
+  if (!absl::SimpleAtod(word, &number)) return word;
+  return std::isfinite(number) ? nlohmann::json(number) : nlohmann::json();
+}
+
+absl::Status AnswerBatch(const QueryableMap& map, const LineAnswers& answers, bool json,
                          std::vector<std::optional<Row>>& batch) {
   std::vector<Row> rows;
   for (const std::optional<Row>& row : batch) {
@@ -41,58 +50,84 @@ absl::Status AnswerBatch(const QueryableMap& map, const LineAnswers& answers,
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<std::string> lines, answers.answer(map, rows));
   auto next = lines.begin();
-  for (const std::optional<Row>& row : batch) fmt::print("{}\n", row ? *next++ : answers.broken);
+  for (const std::optional<Row>& row : batch) {
+    PrintAnswer(answers.columns, row ? *next++ : answers.invalid, json);
+  }
   batch.clear();
   return absl::OkStatus();
 }
 
-// A first line without numbers is taken for a header.
-absl::Status AnswerFile(const QueryableMap& map, size_t batch_size, const std::string& path,
+// A first line without numbers is a header.
+absl::Status AnswerFile(const QueryableMap& map, const LineFlags& flags,
                         const LineAnswers& answers) {
   std::ifstream file;
-  if (path != "-") {
-    file.open(path);
-    if (!file) return NotFound("cannot read {}", path);
+  if (flags.path != "-") {
+    file.open(flags.path);
+    if (!file) return NotFound("cannot read {}", flags.path);
   }
-  std::istream& in = path == "-" ? std::cin : file;
+  // Over the bus an answer takes a round trip; here each line is answered when it comes.
+  const size_t batch_size = flags.source.live ? 10'000 : 1;
+  std::istream& in = flags.path == "-" ? std::cin : file;
   std::string line;
   std::vector<std::optional<Row>> batch;
-  int64_t broken = 0;
+  int64_t invalid = 0;
   for (int64_t number = 1; std::getline(in, line); ++number) {
     std::optional<Row> row = ParseRow(line, answers);
     if (number == 1 && !row) {
-      fmt::print("{}\n", answers.columns);
+      if (!flags.json) fmt::print("{}\n", answers.columns);
       continue;
     }
-    if (!row && broken++ == 0) {
-      Say(stderr, "{}:{}: not {}: {}", path, number, answers.row, line.substr(0, 60));
+    if (!row && invalid++ == 0) {
+      PrintLine(stderr, "{}:{}: not {}: {}", flags.path, number, answers.row, line.substr(0, 60));
     }
     batch.push_back(std::move(row));
-    if (batch.size() == batch_size) SPLINEMAP_RETURN_IF_ERROR(AnswerBatch(map, answers, batch));
+    if (batch.size() < batch_size) continue;
+    SPLINEMAP_RETURN_IF_ERROR(AnswerBatch(map, answers, flags.json, batch));
   }
-  if (!batch.empty()) SPLINEMAP_RETURN_IF_ERROR(AnswerBatch(map, answers, batch));
-  if (broken > 0) return InvalidArgument("{} lines of {} could not be read", broken, path);
+  if (!batch.empty()) {
+    SPLINEMAP_RETURN_IF_ERROR(AnswerBatch(map, answers, flags.json, batch));
+  }
+  if (invalid > 0) return InvalidArgument("{} lines of {} could not be read", invalid, flags.path);
   return absl::OkStatus();
 }
 
 }  // namespace
 
-absl::StatusOr<int> AnswerLines(const MapSourceFlags& flags, const std::string& path,
-                                const std::string& path_flag, const LineAnswers& answers) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const Row numbers, NumbersAfterMap(flags));
-  if (numbers.size() != (path.empty() ? NumColumns(answers) : 0)) {
-    return InvalidArgument("give either {} or {} FILE", answers.row, path_flag);
+void AddLineFlags(CLI::App& command, const std::string& names, const std::string& what,
+                  const std::string& path_flag, LineFlags& flags) {
+  AddMapSource(command, names, what, flags.source);
+  flags.path_flag = path_flag;
+  command.add_option(path_flag, flags.path, "CSV file of " + path_flag.substr(2) + ", - for stdin")
+      ->type_name("FILE");
+  AddJsonFlag(command, flags.json);
+}
+
+void PrintAnswer(const std::string& columns, const std::string& line, bool json) {
+  if (!json) {
+    fmt::print("{}\n", line);
+    return;
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(const MapSource asked, OpenMapSource(flags));
-  if (!path.empty()) {
-    // Over the bus an answer takes a round trip; here each line is answered when it comes.
-    const size_t batch_size = flags.live ? 10'000 : 1;
-    SPLINEMAP_RETURN_IF_ERROR(AnswerFile(*asked.map, batch_size, path, answers));
-    return asked.exit_status;
+  const std::vector<std::string> names = absl::StrSplit(columns, ',');
+  const std::vector<std::string> words = absl::StrSplit(line, ',');
+  nlohmann::json object;
+  for (size_t k = 0; k < names.size(); ++k) object[names[k]] = ToJsonValue(words.at(k));
+  PrintJson(object, -1);
+}
+
+absl::StatusOr<int> AnswerLines(const LineFlags& flags, const LineAnswers& answers) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const Row numbers, NumbersAfterMap(flags.source));
+  if (numbers.size() != (flags.path.empty() ? NumColumns(answers) : 0)) {
+    return InvalidArgument("give either {} or {} FILE", answers.row, flags.path_flag);
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(const auto lines, answers.answer(*asked.map, {numbers}));
-  fmt::print("{}\n{}\n", answers.columns, lines.at(0));
-  return asked.exit_status;
+  SPLINEMAP_ASSIGN_OR_RETURN(const MapSource source, OpenMapSource(flags.source));
+  if (!flags.path.empty()) {
+    SPLINEMAP_RETURN_IF_ERROR(AnswerFile(*source.map, flags, answers));
+    return source.exit_status;
+  }
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto lines, answers.answer(*source.map, {numbers}));
+  if (!flags.json) fmt::print("{}\n", answers.columns);
+  PrintAnswer(answers.columns, lines.at(0), flags.json);
+  return source.exit_status;
 }
 
 }  // namespace splinemap

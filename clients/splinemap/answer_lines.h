@@ -1,31 +1,45 @@
 #pragma once
 
-#include <Eigen/Core>
 #include <functional>
 #include <string>
 #include <vector>
 
-#include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "clients/splinemap/map_source.h"
 
+namespace CLI {
+class App;
+}
+
 namespace splinemap {
+
+// What commands take that answer rows of numbers, from the command line or from a file.
+struct LineFlags {
+  MapSourceFlags source;
+  std::string path_flag;
+  std::string path;  // of a file of rows, - for stdin; empty: the row is on the command line
+  bool json = false;
+};
+// Adds the map, the flag `path_flag` for a file, and --json. `names` and `what` as of AddMapSource.
+void AddLineFlags(CLI::App& command, const std::string& names, const std::string& what,
+                  const std::string& path_flag, LineFlags& flags);
 
 // How a command answers rows of numbers with lines of CSV.
 struct LineAnswers {
   std::string row;      // the columns of a row that it takes
   std::string columns;  // of an answer
-  std::string broken;   // the answer to a line that is no row
-  bool finite = true;   // a row of other numbers is none
+  std::string invalid;  // the answer to a line that is not a row
+  bool finite = true;   // whether rows of other numbers are invalid
   // One line a row, in their order.
   std::function<absl::StatusOr<std::vector<std::string>>(
       const QueryableMap&, const std::vector<std::vector<double>>& rows)>
       answer;
 };
 
-// Opens the map and prints the answers to the numbers on the command line or, where `path` is not
-// empty, one line per line of that file (- for stdin). Returns the exit status.
-absl::StatusOr<int> AnswerLines(const MapSourceFlags& flags, const std::string& path,
-                                const std::string& path_flag, const LineAnswers& answers);
+// Opens the map and prints the answers, one line per row. Returns the exit status.
+absl::StatusOr<int> AnswerLines(const LineFlags& flags, const LineAnswers& answers);
+
+// Prints an answer of CSV, with `json` as a JSON object on one line.
+void PrintAnswer(const std::string& columns, const std::string& line, bool json);
 
 }  // namespace splinemap

@@ -1,24 +1,30 @@
+#include <CLI/App.hpp>
 #include <cstdio>
 #include <memory>
 
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/files.h"
+#include "clients/splinemap/print.h"
 #include "lib/base/status.h"
+#include "lib/map/summed_layers.h"
+#include "splinemap/file.h"
 
 namespace splinemap {
 namespace {
 
 struct BackupFlags {
   std::string map;
-  MapOutput output;
+  Output output;
+  bool accepts_corrupt = false;
 };
 
 absl::StatusOr<int> Backup(const BackupFlags& flags) {
-  SPLINEMAP_RETURN_IF_ERROR(CheckOutputOf({flags.map}, flags.output));
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadInput(flags.map, flags.output));
-  SPLINEMAP_RETURN_IF_ERROR(SaveAs(loaded.set, flags.output.out));
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap written, ReadMapFile(flags.output.out));
-  fmt::print(stderr, "{} layers, {} tiles in {}\n", written.set.layers.size(),
-             ViewOf(written.set)->tiles.size(), flags.output.out);
+  SPLINEMAP_RETURN_IF_ERROR(CheckMapOutput(flags.output, {flags.map}));
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadInput(flags.map, flags.accepts_corrupt));
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs(loaded.set, flags.output.path));
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap written, ReadMapFile(flags.output.path));
+  PrintLine(stderr, "{} layers, {} tiles in {}", written.set.layers.size(),
+            ViewOf(written.set)->tiles.size(), flags.output.path);
   const int status = ReportCorruption(written);
   return loaded.corruption.empty() ? status : kFailed;
 }
@@ -27,20 +33,18 @@ constexpr const char* kBackupExamples = R"(
 Example:
   splinemap backup robot.splinemap robot-monday.splinemap
 
-The last save of the map, whole, while a splinemapd goes on writing to it; read again after it was
-written. A copy that cp makes of such a file may be torn.)";
+Copies the last save of a map, also while splinemapd saves to it, and reads the copy once to check
+it. A copy by cp of a file in use may be torn.)";
 
 }  // namespace
 
 void AddBackup(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<BackupFlags>();
-  CLI::App* command = app.add_subcommand("backup", "Copy a map, also while a daemon writes to it");
+  CLI::App* command = app.add_subcommand("backup", "Copy a map file, also one in use");
   command->footer(kBackupExamples);
   command->add_option("MAP", flags->map, "Map file")->required();
-  command->add_option("OUT", flags->output.out, "Map file to write")->required();
-  command->add_flag("--force", flags->output.force, "Replace the map file if it exists");
-  command->add_flag("--damaged", flags->output.accepts_damaged,
-                    "Take what is left of a damaged file; exit status 1 all the same");
+  AddOutput(*command, "OUT", "Map file to write", flags->output);
+  AddCorruptFlag(*command, flags->accepts_corrupt);
   command->callback([flags, &chosen] { chosen = [flags] { return Backup(*flags); }; });
 }
 

@@ -1,3 +1,4 @@
+#include <CLI/App.hpp>
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -5,15 +6,17 @@
 #include <memory>
 #include <optional>
 
+#include "clients/splinemap/bus_flags.h"
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/follow.h"
+#include "clients/splinemap/print.h"
 #include "clients/splinemap/region_flag.h"
-#include "clients/splinemap/say.h"
 #include "lcmtypes/michigan/occupancy_grid_t.hpp"
 #include "lib/base/status.h"
-#include "lib/query/local_map.h"
 #include "lib/render/pixel_grid.h"
-#include "lib/replica/map_replica.h"
 #include "lib/wire/lcm_bus.h"
+#include "splinemap/local_map.h"
+#include "splinemap/replica.h"
 
 namespace splinemap {
 namespace {
@@ -21,7 +24,7 @@ namespace {
 using std::chrono::milliseconds;
 
 struct BridgeFlags {
-  std::string lcm_url;
+  BusFlags bus;
   std::string channel = "SLAM_MAP";
   std::string region;
   FollowOptions follow;
@@ -29,13 +32,13 @@ struct BridgeFlags {
   std::optional<double> resolution_m;
 };
 
-constexpr double kMaxCells = 4e6;           // and as many bytes of a message
+constexpr double kMaxCells = 4e6;           // one byte each in a message
 constexpr int kManyCells = 100'000;         // LCM begins to lose messages of this size
-constexpr std::chrono::seconds kRepeat(5);  // for those who come late
+constexpr std::chrono::seconds kRepeat(5);  // for late subscribers
 constexpr milliseconds kTick(10);
 
-// Cells use the whole of an int8 at the clamps that maps have by default, -10 and 10. What is known
-// is never 0, which says "unknown".
+// Cells use the whole range of an int8 at the default clamps of maps, -10 and 10. Only unknown
+// cells are 0.
 int8_t CellOf(int16_t units) {
   if (units == 0) return 0;
   constexpr double kCellsPerLogOdds = 12.7;
@@ -74,7 +77,7 @@ absl::StatusOr<CellGrid> GridOf(const MapView& map, const std::optional<Region>&
   const double cells = double{1} * grid.width * grid.height;
   if (cells > kMaxCells) {
     return FailedPrecondition(
-        "a message of {} x {} cells is too large for LCM, {:g} are the most; make it smaller with "
+        "a message of {} x {} cells is too large for LCM, which takes {:g}; make it smaller with "
         "--region, or with --resolution greater than {} m",
         grid.width, grid.height, kMaxCells, cell_m);
   }
@@ -115,21 +118,22 @@ absl::StatusOr<michigan::occupancy_grid_t> GridMessage(const QueryableMap& map,
   return message;
 }
 
-// Until the user ends it, or the map is too large.
+// Runs until a signal ends it, or the map is too large.
 absl::StatusOr<int> BridgeOccupancyGrid(BridgeFlags flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(flags.follow.region, ParseRegion(flags.region));
-  SPLINEMAP_ASSIGN_OR_RETURN(const std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.bus.lcm_url));
+  flags.follow.channel_prefix = flags.bus.channel_prefix;
   std::atomic<bool> is_changed = false;
   SPLINEMAP_ASSIGN_OR_RETURN(
       const auto replica,
-      MapReplica::Follow(flags.lcm_url, flags.follow,
+      MapReplica::Follow(flags.bus.lcm_url, flags.follow,
                          [&](const MapView&, const Region&) { is_changed = true; }));
   const auto interval = std::chrono::duration<double>(1 / flags.rate_hz);
   std::optional<Clock::time_point> last_publish;
-  bool has_said_size = false;
+  bool has_warned = false;
   while (true) {
     bus->Handle(kTick);
-    if (const auto news = bus->DrainNews()) Say(stderr, "{}", *news);
+    if (const auto news = bus->DrainNews()) PrintLine(stderr, "{}", *news);
     const Clock::time_point now = Clock::now();
     if (last_publish && now - *last_publish < interval) continue;
     const bool repeats = last_publish && now - *last_publish >= kRepeat;
@@ -141,15 +145,15 @@ absl::StatusOr<int> BridgeOccupancyGrid(BridgeFlags flags) {
     SPLINEMAP_ASSIGN_OR_RETURN(const auto message, GridMessage(LocalMap(map), *grid));
     bus->Publish(flags.channel, message);
     if (!last_publish) {
-      Say(stderr, "{}: {} x {} cells of {} m", flags.channel, grid->width, grid->height,
-          grid->cell_m);
+      PrintLine(stderr, "{}: {} x {} cells of {} m", flags.channel, grid->width, grid->height,
+                grid->cell_m);
     }
-    if (message.num_cells > kManyCells && !has_said_size) {
-      has_said_size = true;
-      Say(stderr,
-          "{}: messages of {} kB; LCM over UDP loses some of this size, fewer where "
-          "receivers have recv_buf_size= in their URL; --resolution and --region make them "
-          "smaller",
+    if (message.num_cells > kManyCells && !has_warned) {
+      has_warned = true;
+      PrintLine(
+          stderr,
+          "{}: LCM over UDP loses some messages of {} kB; recv_buf_size= in the URL of receivers "
+          "makes that rarer, --resolution and --region make the messages smaller",
           flags.channel, message.num_cells / 1000);
     }
     last_publish = now;
@@ -159,45 +163,39 @@ absl::StatusOr<int> BridgeOccupancyGrid(BridgeFlags flags) {
 constexpr const char* kBridgeExamples = R"(
 Examples:
   splinemap bridge occupancy-grid
-  splinemap bridge occupancy-grid --resolution 0.1 --region=-5,-5,20,10
+  splinemap bridge occupancy-grid --resolution 0.1 --region -5,-5,20,10
   splinemap bridge occupancy-grid --robot one --channel ONE_MAP --rate-hz 0.2
 
-Follows the daemons on a bus and publishes their map as Michigan's occupancy_grid_t: at most
---rate-hz, when something changed, and every 5 s. Cells are 12.7 times the log-odds, which fills
--127 .. 127 at a map's default clamps: greater than 0 occupied, less than 0 free, and 0 unknown
-only; what is known and would round to 0 is 1 or -1. Where cells are larger than the map's knot
-interval they have the greatest log-odds within, so that thin walls stay. The origin is the
-lower left corner of the first cell; utime is the time of publishing. Ends with status 1 when
-the map has more than 4 million cells.)";
+Follows the daemons on a bus and publishes their map as Michigan's occupancy_grid_t after each
+change, at most --rate-hz times a second, and every 5 s. A cell is 12.7 times the log-odds, which
+fills -127 .. 127 at the default clamps: positive is occupied, negative free, 0 unknown. Known cells
+that would round to 0 are 1 or -1. A cell larger than the knot interval has the greatest log-odds
+within, so that thin walls stay. The origin is the lower left corner of the first cell; utime is the
+time of publication. The command ends with status 1 when the map has more than 4 million cells.)";
 
 }  // namespace
 
 void AddBridge(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<BridgeFlags>();
   CLI::App* bridge =
-      app.add_subcommand("bridge", "Publish the map that is on a bus as other stacks know maps");
+      app.add_subcommand("bridge", "Publish the map on an LCM bus in the types of other stacks");
   bridge->require_subcommand(1);
   bridge->footer(
       "\nExample:\n  splinemap bridge occupancy-grid\n\n"
       "splinemap bridge occupancy-grid --help explains it.");
-  CLI::App* command = bridge->add_subcommand("occupancy-grid",
-                                             "As Michigan's occupancy_grid_t, for botlab and mbot");
+  CLI::App* command = bridge->add_subcommand(
+      "occupancy-grid", "Publish Michigan's occupancy_grid_t, for botlab and mbot");
   command->footer(kBridgeExamples);
-  command->add_option("--lcm-url", flags->lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
-      ->type_name("URL");
-  command->add_option("--channel", flags->channel, "To publish on (default SLAM_MAP)");
-  command->add_option("--prefix", flags->follow.channel_prefix, "channel_prefix of the daemons");
-  command
-      ->add_option("--robot", flags->follow.names, "Only the layers of this robot; may be repeated")
-      ->type_name("NAME");
-  command->add_option("--rate-hz", flags->rate_hz, "Messages a second at most (default 1)")
+  AddBusFlags(*command, flags->bus);
+  AddRobotsFlag(*command, flags->follow.names);
+  AddRegionFlag(*command, flags->region);
+  command->add_option("--channel", flags->channel, "Channel to publish on (default SLAM_MAP)");
+  command->add_option("--rate-hz", flags->rate_hz, "Greatest rate of messages (default 1)")
       ->check(CLI::Range(0.01, 100.0));
   command
       ->add_option("--resolution", flags->resolution_m,
-                   "m, side of a cell (default: the map's knot interval)")
+                   "m, side of a cell (default: the knot interval)")
       ->check(CLI::Range(0.001, 100.0));
-  command->add_option("--region", flags->region, "Only this part of the map frame, in m")
-      ->type_name("X0,Y0,X1,Y1");
   command->callback([flags, &chosen] { chosen = [flags] { return BridgeOccupancyGrid(*flags); }; });
 }
 

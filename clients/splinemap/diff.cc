@@ -1,18 +1,27 @@
+#include <CLI/App.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <set>
 
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/files.h"
 #include "clients/splinemap/layer_name.h"
 #include "clients/splinemap/layer_rows.h"
-#include "clients/splinemap/say.h"
+#include "clients/splinemap/print.h"
 #include "lib/base/status.h"
 #include "lib/map/summed_layers.h"
-#include "lib/store/map_file.h"
+#include "splinemap/file.h"
 
 namespace splinemap {
 namespace {
+
+struct DiffFlags {
+  std::string a;
+  std::string b;
+  bool json = false;
+};
 
 struct Difference {
   int64_t tiles = 0;
@@ -45,8 +54,9 @@ bool Has(const std::vector<LayerSnapshot>& layers, const LayerId& id) {
                      [&](const LayerSnapshot& layer) { return layer.id == id; });
 }
 
-// The layer of `layers` that answers to `id` of `others`: the same one, or else one of its name
-// that is not taken and no other's very own, since two builds of one robot differ in their origin.
+// The layer of `layers` to compare with `id` of `others`: the same one, or else one of its name
+// that is not taken and has no counterpart of its own id, since two builds of one robot differ in
+// origin.
 const LayerSnapshot* Counterpart(const LayerId& id, const std::vector<LayerSnapshot>& others,
                                  const std::vector<LayerSnapshot>& layers,
                                  const std::set<const LayerSnapshot*>& taken) {
@@ -59,103 +69,151 @@ const LayerSnapshot* Counterpart(const LayerId& id, const std::vector<LayerSnaps
   return of_that_name;
 }
 
-// What was set about a layer, as far as it matters for the sum.
-std::string SettingsText(const LayerSettings& setting) {
-  LayerSettings of_the_sum = setting;
-  of_the_sum.removed_up_to = 0;
-  const std::string text = TextOf(of_the_sum, std::nullopt);
-  return text.empty() ? "summed as it is" : text;
+// The settings of a layer, as far as they matter for the sum.
+std::string SumSettingsText(LayerSettings settings) {
+  settings.removed_up_to = 0;
+  const std::string text = TextOf(settings, std::nullopt);
+  return text.empty() ? "no settings" : text;
 }
 
-// Layers of which only one of the maps knows that they were removed: the maps are equal, and what
-// will be merged with them need not be.
-void ReportRemovals(const LayerSet& map, const LayerSet& other, const std::string& path) {
-  for (const auto& [id, setting] : map.settings.records()) {
-    if (setting.removed_up_to <= other.settings.Of(id).removed_up_to) continue;
-    Say(stdout, "layer {}: removed up to session {}, only in {}", NameOf(id), setting.removed_up_to,
-        path);
-  }
-}
-
-absl::StatusOr<int> Diff(const std::string& path_a, const std::string& path_b) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded_a, ReadMapFile(path_a));
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded_b, ReadMapFile(path_b));
-  const LayerSet& a = loaded_a.set;
-  const LayerSet& b = loaded_b.set;
-  bool equal = true;
-  for (const LoadedMap* loaded : {&loaded_a, &loaded_b}) {
-    equal = ReportCorruption(*loaded) == kSuccess && equal;
-  }
-  if (a.options != b.options) {
-    for (const LayerSet* map : {&a, &b}) {
-      Say(stdout, "{}: knot_interval_m {}, control points {} .. {} log-odds",
-          map == &a ? path_a : path_b, map->options.knot_interval_m,
-          map->options.limits.min / double{kUnitsPerLogOdds},
-          map->options.limits.max / double{kUnitsPerLogOdds});
+// What differs, as text for people and as JSON.
+class Differences {
+ public:
+  Differences(const LoadedMap& a, const LoadedMap& b) {
+    for (const LoadedMap* loaded : {&a, &b}) {
+      is_equal_ = ReportCorruption(*loaded) == kSuccess && is_equal_;
     }
-    return kFailed;
   }
+
+  // Notes that the maps are not equal.
+  void Add(std::string text, nlohmann::json json) {
+    is_equal_ = false;
+    Note(std::move(text), std::move(json));
+  }
+  // Notes what does not make the maps differ.
+  void Note(std::string text, nlohmann::json json) {
+    lines_.push_back(std::move(text));
+    json_.push_back(std::move(json));
+  }
+  void AddTiles(const std::string& what, const Difference& difference, nlohmann::json json) {
+    if (difference.tiles == 0) return;
+    json["tiles"] = difference.tiles;
+    json["control_points"] = difference.control_points;
+    Add(fmt::format("{}: {} tiles differ, in {} control points", what, difference.tiles,
+                    difference.control_points),
+        std::move(json));
+  }
+  bool is_equal() const { return is_equal_; }
+
+  int Report(const std::string& equal_text, bool as_json) const {
+    if (as_json) {
+      PrintJson({{"equal", is_equal_}, {"differences", json_}});
+    } else {
+      if (is_equal_) PrintLine(stdout, "{}", equal_text);
+      for (const std::string& line : lines_) PrintLine(stdout, "{}", line);
+    }
+    return is_equal_ ? kSuccess : kFailed;
+  }
+
+ private:
+  bool is_equal_ = true;
+  std::vector<std::string> lines_;
+  nlohmann::json json_ = nlohmann::json::array();
+};
+
+// Layers that only one of the maps has a removal of. The maps are equal, but what is merged with
+// them need not be.
+void NoteRemovals(const LayerSet& map, const LayerSet& other, const std::string& path,
+                  Differences& differences) {
+  for (const auto& [id, settings] : map.settings.records()) {
+    if (settings.removed_up_to <= other.settings.Of(id).removed_up_to) continue;
+    differences.Note(
+        fmt::format("layer {}: removed up to session {}, only in {}", NameOf(id),
+                    settings.removed_up_to, path),
+        {{"layer", id.name}, {"removed_up_to", settings.removed_up_to}, {"only_in", path}});
+  }
+}
+
+void AddMissing(const LayerSnapshot& layer, const std::string& path, Differences& differences) {
+  if (layer.tiles.size() == 0) return;
+  differences.Add(fmt::format("layer {}: only in {}", layer.id.name, path),
+                  {{"layer", layer.id.name}, {"only_in", path}});
+}
+
+std::string OptionsText(const MapOptions& options) {
+  return fmt::format("knot_interval_m {}, control points {} .. {} log-odds",
+                     options.knot_interval_m, options.limits.min / double{kUnitsPerLogOdds},
+                     options.limits.max / double{kUnitsPerLogOdds});
+}
+
+void CompareLayers(const LayerSet& a, const LayerSet& b, const DiffFlags& flags,
+                   Differences& differences) {
   std::set<const LayerSnapshot*> taken;
   for (const LayerSnapshot& layer : a.layers) {
     const LayerSnapshot* other = Counterpart(layer.id, a.layers, b.layers, taken);
     if (other == nullptr) {
-      if (layer.tiles.size() == 0) continue;
-      Say(stdout, "layer {}: only in {}", layer.id.name, path_a);
-      equal = false;
+      AddMissing(layer, flags.a, differences);
       continue;
     }
     taken.insert(other);
-    const std::string settings_a = SettingsText(a.settings.Of(layer.id));
-    const std::string settings_b = SettingsText(b.settings.Of(other->id));
+    const std::string settings_a = SumSettingsText(a.settings.Of(layer.id));
+    const std::string settings_b = SumSettingsText(b.settings.Of(other->id));
     if (settings_a != settings_b) {
-      Say(stdout, "layer {}: {} in {}, {} in {}", layer.id.name, settings_a, path_a, settings_b,
-          path_b);
-      equal = false;
+      differences.Add(fmt::format("layer {}: {} in {}, {} in {}", layer.id.name, settings_a,
+                                  flags.a, settings_b, flags.b),
+                      {{"layer", layer.id.name}, {"settings", {settings_a, settings_b}}});
     }
-    const Difference difference = Compare(layer.tiles, other->tiles);
-    if (difference.tiles == 0) continue;
-    Say(stdout, "layer {}: {} tiles differ, in {} control points", layer.id.name, difference.tiles,
-        difference.control_points);
-    equal = false;
+    differences.AddTiles("layer " + layer.id.name, Compare(layer.tiles, other->tiles),
+                         {{"layer", layer.id.name}});
   }
   for (const LayerSnapshot& layer : b.layers) {
-    if (taken.contains(&layer) || layer.tiles.size() == 0) continue;
-    Say(stdout, "layer {}: only in {}", layer.id.name, path_b);
-    equal = false;
+    if (!taken.contains(&layer)) AddMissing(layer, flags.b, differences);
   }
+}
+
+absl::StatusOr<int> Diff(const DiffFlags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded_a, ReadMapFile(flags.a));
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded_b, ReadMapFile(flags.b));
+  const LayerSet& a = loaded_a.set;
+  const LayerSet& b = loaded_b.set;
+  Differences differences(loaded_a, loaded_b);
+  if (a.options != b.options) {
+    const std::string options_a = OptionsText(a.options);
+    const std::string options_b = OptionsText(b.options);
+    differences.Add(fmt::format("{} in {}, {} in {}", options_a, flags.a, options_b, flags.b),
+                    {{"options", {options_a, options_b}}});
+    return differences.Report("", flags.json);
+  }
+  CompareLayers(a, b, flags, differences);
   const auto sum_a = ViewOf(a);
-  if (const Difference difference = Compare(sum_a->tiles, ViewOf(b)->tiles); difference.tiles > 0) {
-    Say(stdout, "the sum of all layers: {} tiles differ, in {} control points", difference.tiles,
-        difference.control_points);
-    equal = false;
-  }
-  if (equal) {
-    Say(stdout, "equal (layers: {}, tiles: {})", a.layers.size(), sum_a->tiles.size());
-  }
-  ReportRemovals(a, b, path_a);
-  ReportRemovals(b, a, path_b);
-  return equal ? kSuccess : kFailed;
+  differences.AddTiles("the sum of all layers", Compare(sum_a->tiles, ViewOf(b)->tiles),
+                       {{"sum", true}});
+  NoteRemovals(a, b, flags.a, differences);
+  NoteRemovals(b, a, flags.b, differences);
+  return differences.Report(
+      fmt::format("equal (layers: {}, tiles: {})", a.layers.size(), sum_a->tiles.size()),
+      flags.json);
 }
 
 constexpr const char* kDiffExamples = R"(
-Example:
-  splinemap diff live.splinemap offline.splinemap && echo the same map
+Examples:
+  splinemap diff live.splinemap offline.splinemap && echo equal
+  splinemap diff live.splinemap offline.splinemap --json
 
-Compares content: layers by name, control points, and which layers are muted or shifted. Ignores
-session_numbers, nonces, times and layers without tiles; says which layers only one of the maps knows to
-be removed.
+Compares layers by name, their control points, and their mute, weight and shift settings. Ignores
+session numbers, nonces, times and layers without tiles. Lists removals that only one map records.
 Exit status: 0 equal, 1 different or failed, 2 usage.)";
 
 }  // namespace
 
 void AddDiff(CLI::App& app, Command& chosen) {
-  auto paths = std::make_shared<std::pair<std::string, std::string>>();
-  CLI::App* command = app.add_subcommand("diff", "Compare two maps");
+  auto flags = std::make_shared<DiffFlags>();
+  CLI::App* command = app.add_subcommand("diff", "Compare two map files");
   command->footer(kDiffExamples);
-  command->add_option("A", paths->first, "Map file")->required();
-  command->add_option("B", paths->second, "Map file")->required();
-  command->callback(
-      [paths, &chosen] { chosen = [paths] { return Diff(paths->first, paths->second); }; });
+  command->add_option("MAP", flags->a, "Map file")->required();
+  command->add_option("OTHER", flags->b, "Map file to compare with")->required();
+  AddJsonFlag(*command, flags->json);
+  command->callback([flags, &chosen] { chosen = [flags] { return Diff(*flags); }; });
 }
 
 }  // namespace splinemap

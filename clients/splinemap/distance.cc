@@ -1,3 +1,4 @@
+#include <CLI/App.hpp>
 #include <memory>
 #include <string>
 #include <vector>
@@ -5,13 +6,13 @@
 #include "clients/splinemap/answer_lines.h"
 #include "clients/splinemap/commands.h"
 #include "lib/base/status.h"
+#include "splinemap/queryable_map.h"
 
 namespace splinemap {
 namespace {
 
 struct DistanceFlags {
-  MapSourceFlags asked;
-  std::string points_path;
+  LineFlags lines;
   double max_distance_m = 2;
   double occupied_log_odds = kDefaultOccupied;
 };
@@ -20,7 +21,7 @@ absl::StatusOr<int> MeasureDistance(const DistanceFlags& flags) {
   LineAnswers answers;
   answers.row = "x_m,y_m";
   answers.columns = "distance_m,gradient_x,gradient_y";
-  answers.broken = "nan,nan,nan";
+  answers.invalid = "nan,nan,nan";
   answers.answer = [&](const QueryableMap& map, const std::vector<std::vector<double>>& rows)
       -> absl::StatusOr<std::vector<std::string>> {
     DistancesQuery query;
@@ -35,7 +36,7 @@ absl::StatusOr<int> MeasureDistance(const DistanceFlags& flags) {
     }
     return lines;
   };
-  return AnswerLines(flags.asked, flags.points_path, "--points", answers);
+  return AnswerLines(flags.lines, answers);
 }
 
 constexpr const char* kDistanceExamples = R"(
@@ -44,20 +45,20 @@ Examples:
   splinemap distance --live 1.25 -0.4 --max-distance 5
   splinemap distance lab.splinemap --points path.csv > clearances.csv
 
-Prints how far the nearest occupied point is, --max-distance where none is nearer, and the gradient
-of that, which points away from it. --points takes lines x_m,y_m (more columns are ignored), - for
-stdin, and answers each line with one line, with --live 10,000 at a time; a header is answered with
-a header.)";
+Prints the distance to the nearest occupied point, or --max-distance where none is nearer, and its
+gradient, which points away from the obstacle. --points reads lines x_m,y_m, ignores further
+columns, and prints one line for each; a header yields a header. --live sends 10,000 lines at a
+time.)";
 
 }  // namespace
 
 void AddDistance(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<DistanceFlags>();
-  CLI::App* command = app.add_subcommand("distance", "How far the nearest occupied point is");
+  CLI::App* command = app.add_subcommand("distance", "Distance to the nearest obstacle");
   command->footer(kDistanceExamples);
-  AddAskedMapFlags(*command, "MAP_X_Y", "coordinates in metres", flags->asked);
-  command->add_option("--points", flags->points_path, "CSV file of points")->type_name("FILE");
-  command->add_option("--max-distance", flags->max_distance_m, "Metres at most (default 2)");
+  AddLineFlags(*command, "MAP X Y", "a point in metres", "--points", flags->lines);
+  command->add_option("--max-distance", flags->max_distance_m,
+                      "m, radius of the search (default 2)");
   AddOccupiedFlag(*command, flags->occupied_log_odds);
   command->callback([flags, &chosen] { chosen = [flags] { return MeasureDistance(*flags); }; });
 }

@@ -1,12 +1,13 @@
-#include <CLI/CLI.hpp>
+#include <CLI/App.hpp>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_replace.h"
+#include "clients/splinemap/bus_flags.h"
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/print.h"
 #include "clients/splinemap/progress.h"
-#include "clients/splinemap/say.h"
 #include "lib/base/clock.h"
 #include "lib/base/status.h"
 #include "lib/config/flags.h"
@@ -33,7 +34,7 @@ std::string TypeOf(const SurveyedChannel& channel) {
   return name.empty() ? fmt::format("{:#018x}", *channel.fingerprint) : name;
 }
 
-// The flags to add to those of `given`.
+// The flags to add to those that are given.
 std::vector<std::string> FlagsOf(const Proposal& proposal, const config::Config& given) {
   std::vector<std::string> flags;
   if (given.scan_size() == 0) {
@@ -100,35 +101,37 @@ nlohmann::json ToJson(const Survey& survey, const absl::StatusOr<Proposal>& prop
 }
 
 void PrintChannels(const Survey& survey) {
-  Say(stdout, "{:<24} {:<26} {:>9} {:>9}  {}", "channel", "type", "messages", "rate_hz", "preset");
+  PrintLine(stdout, "{:<24} {:<26} {:>9} {:>9}  {}", "channel", "type", "messages", "rate_hz",
+            "preset");
   for (const SurveyedChannel& channel : survey.channels()) {
-    Say(stdout, "{:<24} {:<26} {:>9} {:>9.1f}  {}", PlainText(channel.name), TypeOf(channel),
-        channel.messages, channel.rate_hz, channel.preset);
+    PrintLine(stdout, "{:<24} {:<26} {:>9} {:>9.1f}  {}", PlainText(channel.name), TypeOf(channel),
+              channel.messages, channel.rate_hz, channel.preset);
   }
-  Say(stdout, "{:.1f} s", survey.duration_s());
+  PrintLine(stdout, "{:.1f} s", survey.duration_s());
   for (const std::string& remark : Remarks(survey)) {
-    Say(stdout, "{}", remark);
+    PrintLine(stdout, "{}", remark);
   }
 }
 
 void PrintTrials(const Proposal& proposal) {
-  fmt::print("\nCells of 5 cm that the hits of the same scans lie in; fewer is sharper:\n");
-  Say(stdout, "{:<20} {:<20} {:>6} {:>9} {:>9} {:>11}", "scan", "pose", "scans", "as given",
-      "proposed", "other sign");
+  fmt::print("\nCells of 5 cm with hits, from the same scans; fewer is sharper:\n");
+  PrintLine(stdout, "{:<20} {:<20} {:>6} {:>9} {:>9} {:>11}", "scan", "pose", "scans", "as given",
+            "proposed", "other sign");
   for (const FlagTrial& trial : proposal.trials) {
     const std::string compared = fmt::format("{:<20} {:<20} {:>6} ", PlainText(trial.scan),
                                              PlainText(trial.pose), trial.scans);
     if (trial.flags) {
-      Say(stdout, "{}{:>9.0f} {:>9.0f} {:>11.0f}{}", compared, trial.flags->spread_given,
-          trial.flags->spread, trial.flags->spread_flipped,
-          trial.flags->is_time_beyond ? "  more than a second apart?" : "");
+      PrintLine(stdout, "{}{:>9.0f} {:>9.0f} {:>11.0f}{}", compared, trial.flags->spread_given,
+                trial.flags->spread, trial.flags->spread_flipped,
+                trial.flags->is_time_beyond ? "  more than a second apart?" : "");
     } else {
-      Say(stdout, "{}the robot turned too little, or has too few poses, to tell", compared);
+      PrintLine(stdout, "{}not compared; the robot turned too little or has too few poses",
+                compared);
     }
   }
 }
 
-// A channel may have any name: as a shell takes it.
+// The word as a shell takes it, since a channel may have any name.
 std::string Quoted(const std::string& word) {
   constexpr const char* kPlain =
       "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_-.,:=/+";
@@ -139,14 +142,15 @@ std::string Quoted(const std::string& word) {
 void PrintFlags(const Proposal& proposal) {
   std::string flags;
   for (const std::string& flag : proposal.scan_flags) flags += " --scan " + Quoted(flag);
-  Say(stdout, "");
-  Say(stdout, "{}:{} --pose {}", proposal.problem.empty() ? "map it with" : "search on with", flags,
-      Quoted(proposal.pose));
+  PrintLine(stdout, "");
+  PrintLine(stdout, "{}:{} --pose {}",
+            proposal.problem.empty() ? "map it with" : "continue the search with", flags,
+            Quoted(proposal.pose));
   for (const std::string& channel : proposal.scans) {
     if (channel.find_first_of(":,") == std::string::npos) continue;
-    Say(stdout,
-        "{} has a colon or comma, which --scan does not take: name it in a file for --config",
-        channel);
+    PrintLine(stdout,
+              "{} contains a colon or comma; --scan cannot take it. Name it in a file for --config",
+              channel);
   }
 }
 
@@ -169,7 +173,8 @@ absl::StatusOr<Survey> Listen(const DoctorFlags& flags) {
     return Unavailable("{}", bus->Problem());
   }
   if (survey.channels().empty()) {
-    return Unavailable("nothing came on the bus for {:g} s; is the LCM URL right?", flags.seconds);
+    return Unavailable("nothing was received on the bus in {:g} s; is the LCM URL right?",
+                       flags.seconds);
   }
   return survey;
 }
@@ -177,7 +182,7 @@ absl::StatusOr<Survey> Listen(const DoctorFlags& flags) {
 // Checks the options of scan channels; what is not given is chosen later.
 absl::Status CheckGiven(config::Config given) {
   if (given.scan_size() == 0) return absl::OkStatus();
-  if (given.pose().empty()) given.set_pose("POSE of some name");
+  if (given.pose().empty()) given.set_pose("POSE");
   return CheckConfig(given);
 }
 
@@ -185,7 +190,7 @@ absl::StatusOr<int> Doctor(const DoctorFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const config::Config given, ConfigOf(flags.input));
   SPLINEMAP_RETURN_IF_ERROR(CheckGiven(given));
   if (flags.live != flags.log.empty()) {
-    return InvalidArgument("give either a LOG or --live, for the bus");
+    return InvalidArgument("give an LCM log, or --live in its place");
   }
   Survey survey;
   std::string damage;
@@ -196,7 +201,7 @@ absl::StatusOr<int> Doctor(const DoctorFlags& flags) {
     const auto show = [&](double share) { bar.Show(share); };
     SPLINEMAP_ASSIGN_OR_RETURN(survey, SurveyLog(flags.log, show, damage));
   }
-  if (!damage.empty()) Say(stderr, "{}", damage);
+  if (!damage.empty()) PrintLine(stderr, "{}", damage);
   const absl::StatusOr<Proposal> proposal = Propose(survey, given);
   if (flags.json) {
     PrintJson(ToJson(survey, proposal, given));
@@ -206,7 +211,7 @@ absl::StatusOr<int> Doctor(const DoctorFlags& flags) {
   if (!proposal.ok()) return Unavailable("{}", ErrorText(proposal.status()));
   PrintTrials(*proposal);
   for (const std::string& caution : proposal->cautions) {
-    Say(stdout, "{}", caution);
+    PrintLine(stdout, "{}", caution);
   }
   PrintFlags(*proposal);
   if (!proposal->problem.empty()) return Unavailable("{}", proposal->problem);
@@ -219,25 +224,26 @@ Examples:
   splinemap doctor drive.lcmlog --json --pose SLAM_POSE
   splinemap doctor --live --seconds 20
 
-Lists the channels and what is odd about them, tries signs of bearing, time offsets and pose
-channels on the first minutes, and proposes the flags that make the sharpest map. The robot should
-drive and turn meanwhile. Messages beyond 1 MB are not seen on a bus.)";
+Lists the channels and their irregularities, tries signs of bearing, time offsets and pose channels
+on the first minutes, and proposes the flags for the sharpest map. The robot should drive and turn
+meanwhile. Messages above 1 MB are ignored on a bus.)";
 
 }  // namespace
 
 void AddDoctor(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<DoctorFlags>();
   CLI::App* command =
-      app.add_subcommand("doctor", "Check at an LCM log or a bus, and tell how to map it");
+      app.add_subcommand("doctor", "Inspect an LCM log or bus, and propose the flags to map it");
   command->footer(kDoctorExamples);
-  command->add_option("LOG", flags->log, "LCM log");
-  command->add_flag("--live", flags->live, "Listen to the bus instead");
-  command->add_option("--seconds", flags->seconds, "How long to listen (default 15)")
-      ->check(CLI::Range(0.1, 3600.0));
-  command->add_option("--lcm-url", flags->lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
-      ->type_name("URL");
-  command->add_flag("--json", flags->json, "Output for programs");
+  command->add_option("LOG", flags->log, "LCM log, or --live in its place");
+  CLI::Option* const live =
+      command->add_flag("--live", flags->live, "Inspect the messages on an LCM bus");
+  AddLcmUrlFlag(*command, flags->lcm_url, live);
+  RequireLive(command->add_option("--seconds", flags->seconds, "s to listen (default 15)")
+                  ->check(CLI::Range(0.1, 3600.0)),
+              live);
   AddInputFlags(*command, flags->input);
+  AddJsonFlag(*command, flags->json);
   command->callback([flags, &chosen] { chosen = [flags] { return Doctor(*flags); }; });
 }
 

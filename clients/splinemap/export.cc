@@ -1,3 +1,4 @@
+#include <CLI/App.hpp>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -6,24 +7,24 @@
 
 #include "absl/strings/match.h"
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/files.h"
+#include "clients/splinemap/map_source.h"
+#include "clients/splinemap/print.h"
 #include "clients/splinemap/region_flag.h"
-#include "clients/splinemap/say.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/exchange/csv.h"
 #include "lib/exchange/geotiff.h"
 #include "lib/exchange/ros_map.h"
 #include "lib/exchange/world_file.h"
-#include "lib/map/summed_layers.h"
 #include "lib/render/raster.h"
-#include "lib/store/map_file.h"
+#include "splinemap/map_view.h"
 
 namespace splinemap {
 namespace {
 
 struct ExportFlags {
-  std::string map;
-  std::string base;
+  MapSourceFlags source;
   std::string format;
   std::string mode;
   std::string region;
@@ -42,7 +43,7 @@ std::vector<std::string> Extensions(const ExportFlags& flags, RosMode mode) {
   return {".tif"};
 }
 
-// `base` without the one of `extensions` that it ends in, which a user may have typed.
+// `base` without an extension that the user typed.
 std::string WithoutExtension(std::string base, const std::vector<std::string>& extensions) {
   for (const std::string& extension : extensions) {
     if (absl::EndsWithIgnoreCase(base, extension)) {
@@ -70,54 +71,63 @@ absl::Status Write(const ExportFlags& flags, RosMode mode, const MapView& map,
   return WriteGeoTiff(map, grid, files[0]);
 }
 
-absl::StatusOr<int> Export(const ExportFlags& flags) {
-  if (!flags.mode.empty() && flags.format != "ros") {
-    return InvalidArgument("--mode belongs to --format ros");
-  }
-  const RosMode mode = ParseMode(flags.mode);
-  SPLINEMAP_ASSIGN_OR_RETURN(const std::optional<Region> region, ParseRegion(flags.region));
+// The files to write, each of which may be.
+absl::StatusOr<std::vector<std::string>> OutputsOf(const ExportFlags& flags, RosMode mode) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::string given, OutputAfterMap(flags.source));
   const std::vector<std::string> extensions = Extensions(flags, mode);
-  const std::string base = WithoutExtension(flags.base, extensions);
+  const std::string base = WithoutExtension(given, extensions);
   if (std::filesystem::path(base).filename().empty()) {
-    return InvalidArgument("BASE is {}: add the name of the files", flags.base);
+    return InvalidArgument("BASE is {}; add the name of the files", given);
   }
   std::vector<std::string> paths;
   for (const std::string& extension : extensions) {
     paths.push_back(base + extension);
-    SPLINEMAP_RETURN_IF_ERROR(CheckOutput(paths.back(), flags.force));
+    SPLINEMAP_RETURN_IF_ERROR(CheckOutput({paths.back(), flags.force}, MapFilesOf(flags.source)));
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
-  const std::shared_ptr<const MapView> map = ViewOf(loaded.set);
+  return paths;
+}
+
+absl::StatusOr<int> Export(const ExportFlags& flags) {
+  if (!flags.mode.empty() && flags.format != "ros") {
+    return InvalidArgument("--mode requires --format ros");
+  }
+  const RosMode mode = ParseMode(flags.mode);
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::optional<Region> region, ParseRegion(flags.region));
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<std::string> paths, OutputsOf(flags, mode));
+  SPLINEMAP_ASSIGN_OR_RETURN(const MapViewSource source, OpenMapView(flags.source));
+  const MapView& map = *source.map;
   SPLINEMAP_ASSIGN_OR_RETURN(
       const PixelGrid grid,
-      GridOfRegion(*map, region, flags.resolution_m.value_or(map->options.knot_interval_m)));
+      GridOfRegion(map, region, flags.resolution_m.value_or(map.options.knot_interval_m)));
   // All are written before the first takes its name: none describes another's predecessor.
   std::vector<NewFile> files;
   for (const std::string& path : paths) {
     SPLINEMAP_ASSIGN_OR_RETURN(NewFile file, NewFile::Create(path));
     files.push_back(std::move(file));
   }
-  SPLINEMAP_RETURN_IF_ERROR(Write(flags, mode, *map, grid, files));
+  SPLINEMAP_RETURN_IF_ERROR(Write(flags, mode, map, grid, files));
   for (NewFile& file : files) SPLINEMAP_RETURN_IF_ERROR(file.Commit());
-  Say(stderr, "{}: {} x {} pixels of {} m, lower left corner at {}, {} m", fmt::join(paths, ", "),
-      grid.width, grid.height, grid.pixel_m, grid.left_m, grid.bottom_m());
-  return ReportCorruption(loaded);
+  PrintLine(stderr, "{}: {} x {} pixels of {} m, lower left corner at {}, {} m",
+            fmt::join(paths, ", "), grid.width, grid.height, grid.pixel_m, grid.left_m,
+            grid.bottom_m());
+  return source.exit_status;
 }
 
 constexpr const char* kExportExamples = R"(
 Examples:
   splinemap export lab.splinemap lab --format ros
+  splinemap export --live lab --format ros
   splinemap export lab.splinemap door --format geotiff --region -2,0,3.5,4 --resolution 0.01
 
 Evaluates the surface at the centre of every pixel. Centres are whole multiples of the resolution,
 so at the knot interval they are the control points, and pictures of one resolution fit together. A
-pixel belongs to the region that has its centre, the lower and left edge included.
+pixel belongs to the region that contains its centre; the lower and left edges are included.
 
-  ros      BASE.pgm and BASE.yaml for map_server and nav2_map_server. --mode trinary: occupied with
-           a probability above 0.65, free below 0.196, else unknown. --mode scale (BASE.png in
-           place of BASE.pgm, since unknown is transparent) and raw: the probability in per cent.
-  png      The picture of render, and BASE.pgw, a world file, which says where it lies.
-  csv      x_m,y_m,log_odds,probability,known for every pixel, from the lower left, x fastest.
+  ros      BASE.pgm and BASE.yaml for map_server and nav2_map_server. --mode trinary: occupied above
+           a probability of 0.65, free below 0.196, else unknown. --mode scale and raw: the
+           probability in per cent; scale writes BASE.png, in which unknown is transparent.
+  png      The picture of render, and BASE.pgw, a world file with its place.
+  csv      A line x_m,y_m,log_odds,probability,known for every pixel, from the lower left, x fastest.
   geotiff  BASE.tif: log-odds of occupied as float32, NaN (nodata) where unknown, in metres of the
            map frame.)";
 
@@ -125,22 +135,19 @@ pixel belongs to the region that has its centre, the lower and left edge include
 
 void AddExport(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<ExportFlags>();
-  CLI::App* command = app.add_subcommand("export", "Write a map for ROS, as PNG, CSV or GeoTIFF");
+  CLI::App* command =
+      app.add_subcommand("export", "Convert a map for ROS, or to PNG, CSV or GeoTIFF");
   command->footer(kExportExamples);
-  command->add_option("MAP", flags->map, "Map file")->required();
-  command->add_option("BASE", flags->base, "Files to write; their extension is added")->required();
+  AddMapViewSource(*command, "MAP BASE", "the files to write, without extension", flags->source);
   command->add_option("--format", flags->format, "ros, png, csv or geotiff")
       ->required()
       ->check(CLI::IsMember({"ros", "png", "csv", "geotiff"}));
-  command->add_option("--mode", flags->mode, "Of ros: trinary (default), scale or raw")
+  command->add_option("--mode", flags->mode, "trinary, scale or raw, of ros (default trinary)")
       ->check(CLI::IsMember({"trinary", "scale", "raw"}));
-  command
-      ->add_option("--region", flags->region,
-                   "x0,y0,x1,y1 in metres of the map frame (default: all that was mapped)")
-      ->type_name("REGION");
+  AddRegionFlag(*command, flags->region);
   command->add_option("--resolution", flags->resolution_m,
-                      "Metres per pixel (default: the knot interval)");
-  command->add_flag("--force", flags->force, "Replace files that exist");
+                      "m, side of a pixel (default: the knot interval)");
+  AddForceFlag(*command, flags->force);
   command->callback([flags, &chosen] { chosen = [flags] { return Export(*flags); }; });
 }
 

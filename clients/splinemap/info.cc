@@ -1,13 +1,15 @@
+#include <CLI/App.hpp>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "clients/splinemap/commands.h"
-#include "clients/splinemap/say.h"
+#include "clients/splinemap/files.h"
+#include "clients/splinemap/print.h"
 #include "lib/base/status.h"
 #include "lib/map/summed_layers.h"
-#include "lib/store/map_file.h"
+#include "splinemap/file.h"
 
 namespace splinemap {
 namespace {
@@ -19,7 +21,7 @@ int64_t TouchedControlPoints(const TileTree& tiles) {
   return touched;
 }
 
-// Area that was seen: a touched control point stands for one square of the knot interval.
+// The area that was seen; a touched control point stands for a square of the knot interval.
 double Area(const MapOptions& options, const TileTree& tiles) {
   return static_cast<double>(TouchedControlPoints(tiles)) * options.knot_interval_m *
          options.knot_interval_m;
@@ -42,7 +44,7 @@ nlohmann::json ToJson(const LayerSet& map, const std::string& path) {
     json["layers"].push_back({{"name", layer.id.name},
                               {"origin", fmt::format("{:016x}", layer.id.origin)},
                               {"session_number", layer.session.number},
-                              {"scans", layer.revision},
+                              {"commits", layer.revision},
                               {"tiles", layer.tiles.size()},
                               {"area_m2", Area(map.options, layer.tiles)}});
   }
@@ -51,15 +53,16 @@ nlohmann::json ToJson(const LayerSet& map, const std::string& path) {
 
 void PrintForPeople(const nlohmann::json& json) {
   const auto number = [](const nlohmann::json& value) { return value.get<double>(); };
-  Say(stdout, "{}: {:.1f} MB, {} tiles, {:.1f} m2 seen", json["file"].get<std::string>(),
-      number(json["file_bytes"]) * 1e-6, json["tiles"].get<int64_t>(), number(json["area_m2"]));
-  Say(stdout, "knot interval {} m, control points {} .. {} log-odds",
-      number(json["knot_interval_m"]), number(json["clamp_min"]), number(json["clamp_max"]));
+  PrintLine(stdout, "{}: {:.1f} MB, {} tiles, {:.1f} m2 seen", json["file"].get<std::string>(),
+            number(json["file_bytes"]) * 1e-6, json["tiles"].get<int64_t>(),
+            number(json["area_m2"]));
+  PrintLine(stdout, "knot interval {} m, control points {} .. {} log-odds",
+            number(json["knot_interval_m"]), number(json["clamp_min"]), number(json["clamp_max"]));
   for (const nlohmann::json& layer : json["layers"]) {
-    Say(stdout, "layer {} ({}): {} scans, session {}, {} tiles, {:.1f} m2 seen",
-        layer["name"].get<std::string>(), layer["origin"].get<std::string>(),
-        layer["scans"].get<int64_t>(), layer["session_number"].get<int64_t>(),
-        layer["tiles"].get<int64_t>(), number(layer["area_m2"]));
+    PrintLine(stdout, "layer {} ({}): session {}, {} commits, {} tiles, {:.1f} m2 seen",
+              layer["name"].get<std::string>(), layer["origin"].get<std::string>(),
+              layer["session_number"].get<int64_t>(), layer["commits"].get<int64_t>(),
+              layer["tiles"].get<int64_t>(), number(layer["area_m2"]));
   }
 }
 
@@ -83,10 +86,11 @@ void AddInfo(CLI::App& app, Command& chosen) {
     bool json = false;
   };
   auto flags = std::make_shared<InfoFlags>();
-  CLI::App* command = app.add_subcommand("info", "Say what a map file holds");
-  command->footer("\nExample:\n  splinemap info lab.splinemap --json");
+  CLI::App* command = app.add_subcommand("info", "Describe a map file");
+  command->footer(
+      "\nExamples:\n  splinemap info lab.splinemap\n  splinemap info lab.splinemap --json");
   command->add_option("MAP", flags->map, "Map file")->required();
-  command->add_flag("--json", flags->json, "Output for programs");
+  AddJsonFlag(*command, flags->json);
   command->callback(
       [flags, &chosen] { chosen = [flags] { return Info(flags->map, flags->json); }; });
 }

@@ -33,12 +33,12 @@ absl::StatusOr<LayerId> FindLayer(const std::vector<LayerId>& layers, const std:
   }
   if (found.size() == 1) return found.front();
   if (found.empty()) {
-    return InvalidArgument("{} has no layer {}{}; there are: {}", where, text,
+    return InvalidArgument("{} has no layer {}{}; the layers are: {}", where, text,
                            DidYouMean(text, names), fmt::join(candidates, ", "));
   }
   candidates.clear();
   for (const LayerId& id : found) candidates.push_back(NameOf(id));
-  return InvalidArgument("{} has several layers {}; say which: {}", where, text,
+  return InvalidArgument("{} has several layers {}; give one of: {}", where, text,
                          fmt::join(candidates, ", "));
 }
 

@@ -2,11 +2,12 @@
 
 #include <algorithm>
 #include <array>
+#include <nlohmann/json.hpp>
 
 #include "clients/splinemap/layer_name.h"
-#include "clients/splinemap/live_layers.h"
 #include "fmt/format.h"
 #include "fmt/ranges.h"
+#include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lib/base/plain_text.h"
 #include "lib/replication/settings_gossip.h"
 #include "lib/tiles/tile_codec.h"
@@ -39,7 +40,7 @@ Region RegionOf(const KnotBox& box, KnotShift shift, double knot_interval_m) {
 }
 
 constexpr std::array kHeader{"layer", "state",   "heard_s", "session", "commits",
-                             "tiles", "area_m2", "box_m",   "hash",  "settings"};
+                             "tiles", "area_m2", "box_m",   "hash",    "settings"};
 using TableRow = std::array<std::string, kHeader.size()>;
 
 TableRow CellsOf(const LayerRow& layer) {
@@ -47,7 +48,7 @@ TableRow CellsOf(const LayerRow& layer) {
   row.fill("-");
   row.front() = NameOf(layer.id);
   row.back() =
-      TextOf(layer.setting, layer.content ? std::optional(layer.content->session) : std::nullopt);
+      TextOf(layer.settings, layer.content ? std::optional(layer.content->session) : std::nullopt);
   if (!layer.state.empty()) row[1] = PlainText(layer.state);
   if (layer.heard_s_ago >= 0) row[2] = fmt::format("{:.1f}", layer.heard_s_ago);
   if (!layer.content) return row;
@@ -85,7 +86,7 @@ LayerRow RowOf(const layer_status_t& layer) {
   return row;
 }
 
-LayerRow RowOf(const LayerSnapshot& layer, const LayerSettings& setting, double knot_interval_m) {
+LayerRow RowOf(const LayerSnapshot& layer, const LayerSettings& settings, double knot_interval_m) {
   LayerRow::Content content{layer.session, layer.revision, layer.tiles.size(), 0, std::nullopt, 0};
   int64_t known = 0;
   KnotBox box;
@@ -98,8 +99,8 @@ LayerRow RowOf(const LayerSnapshot& layer, const LayerSettings& setting, double 
     }
   });
   content.area_m2 = static_cast<double>(known) * knot_interval_m * knot_interval_m;
-  if (known > 0) content.box = RegionOf(box, setting.shift, knot_interval_m);
-  return {layer.id, content, setting, "", -1};
+  if (known > 0) content.box = RegionOf(box, settings.shift, knot_interval_m);
+  return {layer.id, content, settings, "", -1};
 }
 
 std::vector<LayerRow> RowsOf(const LayerSet& map) {
@@ -108,26 +109,26 @@ std::vector<LayerRow> RowsOf(const LayerSet& map) {
     rows.push_back(RowOf(layer, map.settings.Of(layer.id), map.options.knot_interval_m));
   }
   const size_t num_layers = rows.size();
-  for (const auto& [id, setting] : map.settings.records()) {
+  for (const auto& [id, settings] : map.settings.records()) {
     const bool is_there = std::any_of(rows.begin(), rows.begin() + num_layers,
                                       [&, &id = id](const LayerRow& row) { return row.id == id; });
-    if (!is_there) rows.push_back({id, std::nullopt, setting, "", -1});
+    if (!is_there) rows.push_back({id, std::nullopt, settings, "", -1});
   }
   return rows;
 }
 
-std::string TextOf(const LayerSettings& setting, const std::optional<SessionId>& session) {
-  std::vector<std::string> settings;
-  if (setting.muted) settings.push_back("muted");
-  if (setting.low_weight) settings.push_back("low weight");
-  if (setting.shift != KnotShift{}) {
-    settings.push_back(fmt::format("shifted by {}, {} knots", setting.shift.i, setting.shift.j));
+std::string TextOf(const LayerSettings& settings, const std::optional<SessionId>& session) {
+  std::vector<std::string> texts;
+  if (settings.muted) texts.push_back("muted");
+  if (settings.low_weight) texts.push_back("low weight");
+  if (settings.shift != KnotShift{}) {
+    texts.push_back(fmt::format("shifted by {}, {} knots", settings.shift.i, settings.shift.j));
   }
-  // Of a layer that is there, what matters is whether it was removed, not what was before it.
-  if (setting.removed_up_to > 0 && (!session || setting.IsRemoved(*session))) {
-    settings.push_back(fmt::format("removed up to session {}", setting.removed_up_to));
+  // A removal of earlier sessions does not matter to a layer that is there.
+  if (settings.removed_up_to > 0 && (!session || settings.IsRemoved(*session))) {
+    texts.push_back(fmt::format("removed up to session {}", settings.removed_up_to));
   }
-  return fmt::format("{}", fmt::join(settings, ", "));
+  return fmt::format("{}", fmt::join(texts, ", "));
 }
 
 std::string TableOf(const std::vector<LayerRow>& layers) {
@@ -156,15 +157,15 @@ std::string TableOf(const std::vector<LayerRow>& layers) {
 }
 
 nlohmann::json ToJson(const LayerRow& row) {
-  const LayerSettings& setting = row.setting;
+  const LayerSettings& settings = row.settings;
   nlohmann::json json = {
       {"name", row.id.name},
       {"origin", fmt::format("{:016x}", row.id.origin)},
-      {"muted", setting.muted},
-      {"low_weight", setting.low_weight},
-      {"shift_knots", {setting.shift.i, setting.shift.j}},
-      {"removed_up_to", setting.removed_up_to},
-      {"in_sum", row.content.has_value() && setting.IsSummed()},
+      {"muted", settings.muted},
+      {"low_weight", settings.low_weight},
+      {"shift_knots", {settings.shift.i, settings.shift.j}},
+      {"removed_up_to", settings.removed_up_to},
+      {"in_sum", row.content.has_value() && settings.IsSummed()},
   };
   if (!row.state.empty()) {
     json["state"] = row.state;

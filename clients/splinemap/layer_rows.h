@@ -2,20 +2,22 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "lcmtypes/splinemap/layer_status_t.hpp"
-#include "lib/layers/layer.h"
-#include "lib/layers/layer_settings.h"
-#include "lib/map/map_view.h"
-#include "lib/tiles/region.h"
+#include "splinemap/layer.h"
+#include "splinemap/layer_settings.h"
+#include "splinemap/map_view.h"
+#include "splinemap/region.h"
 
 namespace splinemap {
 
-// What people are shown of a layer.
+class layer_status_t;
+struct LayerSet;
+
+// A row of a table of layers.
 struct LayerRow {
   struct Content {
     SessionId session;
@@ -26,23 +28,24 @@ struct LayerRow {
     uint64_t hash = 0;          // as in digests: the sum of the checksums of tiles
   };
   LayerId id;
-  std::optional<Content> content;  // none where only a record about the layer is there
-  LayerSettings setting;
-  // Of a daemon's: "own", "live", "stale", "gone"; since its owner was heard, -1 if not yet.
+  std::optional<Content> content;  // none where only settings of the layer are there
+  LayerSettings settings;
+  // In a daemon: "own", "live", "stale", "gone" or "removed", and the time since a message of the
+  // owner, -1 before the first.
   std::string state;
   double heard_s_ago = -1;
 };
 
-LayerRow RowOf(const LayerSnapshot& layer, const LayerSettings& setting, double knot_interval_m);
+LayerRow RowOf(const LayerSnapshot& layer, const LayerSettings& settings, double knot_interval_m);
 
-// As a daemon says it. Its areas and boxes are of tiles.
+// As a daemon publishes it. Its areas and boxes are of tiles.
 LayerRow RowOf(const layer_status_t& layer);
 
-// Of the layers of a map, and then of those that only have a record.
+// Of the layers of a map, and then of those that only have settings.
 std::vector<LayerRow> RowsOf(const LayerSet& map);
 
-// "muted, shifted by 3, -2 knots"; empty where nothing was set.
-std::string TextOf(const LayerSettings& setting, const std::optional<SessionId>& session);
+// "muted, shifted by 3, -2 knots"; empty for the default settings.
+std::string TextOf(const LayerSettings& settings, const std::optional<SessionId>& session);
 
 // A table with a header.
 std::string TableOf(const std::vector<LayerRow>& rows);

@@ -1,3 +1,4 @@
+#include <CLI/App.hpp>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -5,31 +6,32 @@
 #include <vector>
 
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/files.h"
 #include "clients/splinemap/layer_rows.h"
 #include "clients/splinemap/live_layers.h"
-#include "clients/splinemap/say.h"
+#include "clients/splinemap/map_source.h"
+#include "clients/splinemap/print.h"
 #include "lcmtypes/splinemap/layer_status_t.hpp"
-#include "lcmtypes/splinemap/layers_t.hpp"
 #include "lib/base/status.h"
+#include "splinemap/file.h"
 
 namespace splinemap {
 namespace {
 
 struct LayersFlags {
-  std::string map;
-  bool live = false;
+  MapSourceFlags source;
   bool json = false;
-  LiveFlags bus;
 };
 
-nlohmann::json ToJson(const std::vector<LayerRow>& rows) {
+nlohmann::json RowsToJson(const std::vector<LayerRow>& rows) {
   nlohmann::json json = nlohmann::json::array();
-  for (const LayerRow& row : rows) json.push_back(splinemap::ToJson(row));
+  for (const LayerRow& row : rows) json.push_back(ToJson(row));
   return json;
 }
 
-absl::StatusOr<int> LayersOfDaemons(const LayersFlags& flags) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<layers_t> daemons, ListenToLayers(flags.bus));
+absl::StatusOr<int> PrintLiveLayers(const LayersFlags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<layers_t> daemons,
+                             ReceiveLayers(flags.source.bus, flags.source.robot));
   nlohmann::json json = nlohmann::json::array();
   for (const layers_t& daemon : daemons) {
     std::vector<LayerRow> rows;
@@ -37,14 +39,14 @@ absl::StatusOr<int> LayersOfDaemons(const LayersFlags& flags) {
     if (flags.json) {
       json.push_back({{"daemon", daemon.name},
                       {"daemon_nonce", fmt::format("{:016x}", daemon.daemon_nonce)},
-                      {"layers", ToJson(rows)},
+                      {"layers", RowsToJson(rows)},
                       {"refused", daemon.refused}});
       continue;
     }
-    Say(stdout, "{}:", daemon.name);
+    PrintLine(stdout, "{}:", daemon.name);
     fmt::print("{}", TableOf(rows));
     for (const std::string& refused : daemon.refused) {
-      Say(stdout, "refused {}", refused);
+      PrintLine(stdout, "refused {}", refused);
     }
     if (&daemon != &daemons.back()) fmt::print("\n");
   }
@@ -52,15 +54,17 @@ absl::StatusOr<int> LayersOfDaemons(const LayersFlags& flags) {
   return kSuccess;
 }
 
-absl::StatusOr<int> Layers(const LayersFlags& flags) {
-  if (flags.live == !flags.map.empty()) {
-    return InvalidArgument("name a map file, or ask the daemons on a bus with --live");
+absl::StatusOr<int> PrintLayers(const LayersFlags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto arguments, ArgumentsAfterMap(flags.source));
+  if (!arguments.empty()) {
+    return InvalidArgument("{} is one argument too many; give a map file, or --live in its place",
+                           arguments.front());
   }
-  if (flags.live) return LayersOfDaemons(flags);
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.map));
+  if (flags.source.live) return PrintLiveLayers(flags);
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.source.arguments.front()));
   const std::vector<LayerRow> rows = RowsOf(loaded.set);
   if (flags.json) {
-    PrintJson(ToJson(rows));
+    PrintJson(RowsToJson(rows));
   } else {
     fmt::print("{}", TableOf(rows));
   }
@@ -71,29 +75,25 @@ constexpr const char* kLayersExamples = R"(
 Examples:
   splinemap layers fleet.splinemap
   splinemap layers fleet.splinemap --json | jq '.[] | select(.in_sum)'
-  splinemap layers --live                          what each daemon on the bus has
+  splinemap layers --live                          the layers of each daemon on the bus
 
-A row for each layer, what one robot measured: its name and origin, how often its robot had started,
-scans, tiles, the area that it knows and the box about it in the map's frame, as --region takes it,
-and a hash: equal layers have equal hashes. Last come the settings of people. Of layers
-that were removed only that is left.
+Prints a row for each layer: name@origin, session, commits, tiles, known area, its bounding box in
+the map frame as --region takes it, and a hash, equal for equal layers. The last column has the
+settings. Of a removed layer only the settings are left.
 
-Of a daemon's layers it says, too, whether each is its own, live, stale (something is missing) or gone
-(its robot is silent, and all is kept), and how many seconds ago its robot was heard; areas and boxes
-are those of tiles then.)";
+With --live it prints a table for each daemon. "state" is own, live, stale (something is missing),
+gone (its robot is silent; the layer is kept) or removed; "heard_s" is the time since the last
+message of its robot. Areas and boxes are those of whole tiles.)";
 
 }  // namespace
 
 void AddLayers(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<LayersFlags>();
-  CLI::App* command =
-      app.add_subcommand("layers", "List the layers of a map, or those of the daemons on a bus");
+  CLI::App* command = app.add_subcommand("layers", "List the layers of a map");
   command->footer(kLayersExamples);
-  command->add_option("MAP", flags->map, "Map file");
-  command->add_flag("--live", flags->live, "Listen to daemons instead of reading a file");
-  AddLiveFlags(*command, flags->bus);
-  command->add_flag("--json", flags->json, "Output for programs");
-  command->callback([flags, &chosen] { chosen = [flags] { return Layers(*flags); }; });
+  AddMapSource(*command, "MAP", "", flags->source);
+  AddJsonFlag(*command, flags->json);
+  command->callback([flags, &chosen] { chosen = [flags] { return PrintLayers(*flags); }; });
 }
 
 }  // namespace splinemap

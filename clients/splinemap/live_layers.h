@@ -1,25 +1,17 @@
 #pragma once
 
-#include <CLI/App.hpp>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "lcmtypes/splinemap/layer_status_t.hpp"
+#include "clients/splinemap/bus_flags.h"
 #include "lcmtypes/splinemap/layers_t.hpp"
-#include "lib/layers/layer_settings.h"
 
 namespace splinemap {
 
-struct LiveFlags {
-  std::string lcm_url;
-  std::string channel_prefix = "SPLINEMAP";
-  double wait_s = 1.5;  // for daemons, which speak once a second
-};
-
-void AddLiveFlags(CLI::App& command, LiveFlags& flags);
-
-// What all daemons on the bus say of their layers, by name. NotFound where there is none.
-absl::StatusOr<std::vector<layers_t>> ListenToLayers(const LiveFlags& flags);
+// The layers that each daemon on the bus has, by name: of all daemons, or of those of `robot` where
+// that is not empty. Listens until the timeout, since each publishes once a second. NotFound where
+// none does.
+absl::StatusOr<std::vector<layers_t>> ReceiveLayers(const BusFlags& bus, const std::string& robot);
 
 }  // namespace splinemap

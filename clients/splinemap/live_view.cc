@@ -13,10 +13,10 @@ namespace {
 
 constexpr size_t kMaxDaemons = 16;
 constexpr std::chrono::seconds kSilent(3);
-constexpr std::chrono::seconds kGone(60);
+constexpr std::chrono::seconds kForgotten(60);
 
 std::string Staleness(double staleness_ms) {
-  if (!std::isfinite(staleness_ms)) return "never whole";
+  if (!std::isfinite(staleness_ms)) return "never caught up";
   return staleness_ms < 10'000 ? fmt::format("{:.0f} ms", staleness_ms)
                                : fmt::format("{:.0f} s", staleness_ms / 1000);
 }
@@ -45,16 +45,17 @@ void LiveView::HandleStatus(const status_t& status) {
   const double passed_s = status.uptime_s - daemon.status.uptime_s;
   const double scans =
       static_cast<double>(status.scans_mapped) - static_cast<double>(daemon.status.scans_mapped);
-  const bool goes_on = daemon.heard != Clock::time_point() && passed_s > 0 && scans >= 0;
-  daemon.scans_per_s = goes_on ? scans / passed_s : 0;
+  const bool is_same_run = daemon.received != Clock::time_point() && passed_s > 0 && scans >= 0;
+  daemon.scans_per_s = is_same_run ? scans / passed_s : 0;
   daemon.status = status;
-  daemon.heard = Clock::now();
+  daemon.received = Clock::now();
 }
 
 std::string LiveView::Draw(Clock::time_point now) {
   const double passed_s = std::max(std::chrono::duration<double>(now - last_drawn_).count(), 1e-3);
   last_drawn_ = now;
-  std::erase_if(daemons_, [&](const auto& daemon) { return now - daemon.second.heard > kGone; });
+  std::erase_if(daemons_,
+                [&](const auto& daemon) { return now - daemon.second.received > kForgotten; });
   std::string text = DaemonLines(now) + "\n" + LayerLines(passed_s) + "\n";
   // Lines of daemons may take two rows.
   const auto lines = static_cast<int>(std::count(text.begin(), text.end(), '\n')) +
@@ -64,7 +65,7 @@ std::string LiveView::Draw(Clock::time_point now) {
   if (const absl::StatusOr<std::string> preview = Preview(*map, lines + 2); preview.ok()) {
     text += *preview;
   }
-  // From the upper left corner, each line and what is below cleared of what was there.
+  // From the upper left corner; the rest of each line and all lines below are cleared.
   return "\x1b[H" + absl::StrReplaceAll(text, {{"\n", "\x1b[K\n"}}) + "\x1b[J";
 }
 
@@ -73,13 +74,13 @@ std::string LiveView::DaemonLines(Clock::time_point now) const {
   if (const std::string problem = replica_.BusProblem(); !problem.empty()) {
     text = PlainText(problem) + "\n";
   } else if (daemons_.empty()) {
-    text = "no daemon is heard; does splinemapd run on this bus?\n";
+    text = "no status was received; is splinemapd on this bus?\n";
   }
   for (const auto& [nonce, daemon] : daemons_) {
     text += StatusLine(daemon.status) + fmt::format("; {:.1f} scans/s", daemon.scans_per_s);
-    if (now - daemon.heard > kSilent) {
+    if (now - daemon.received > kSilent) {
       text += fmt::format("; silent for {:.0f} s",
-                          std::chrono::duration<double>(now - daemon.heard).count());
+                          std::chrono::duration<double>(now - daemon.received).count());
     }
     text += '\n';
   }
@@ -87,10 +88,11 @@ std::string LiveView::DaemonLines(Clock::time_point now) const {
 }
 
 std::string LiveView::LayerLines(double passed_s) {
-  std::string text = fmt::format("{:<20} {:>5} {:>7} {:>9} {:>12} {:>11} {:>9}\n", "layer", "session",
-                                 "tiles", "commit", "state of", "tiles asked", "unusable");
+  std::string text =
+      fmt::format("{:<20} {:>7} {:>7} {:>9} {:>15} {:>9} {:>9}\n", "layer", "session", "tiles",
+                  "commit", "staleness", "requested", "unusable");
   for (const FollowedLayer& layer : replica_.FollowedLayers()) {
-    text += fmt::format("{:<20} {:>5} {:>7} {:>9} {:>12} {:>11} {:>9}  {}\n",
+    text += fmt::format("{:<20} {:>7} {:>7} {:>9} {:>15} {:>9} {:>9}  {}\n",
                         PlainText(layer.id.name), layer.session.number, layer.tiles, layer.revision,
                         Staleness(layer.staleness_ms), layer.counts.asked_tiles,
                         layer.counts.unusable, layer.caught_up ? "caught up" : "behind");

@@ -4,12 +4,12 @@
 #include <string>
 
 #include "lcmtypes/splinemap/status_t.hpp"
-#include "lib/replica/map_replica.h"
+#include "lib/base/clock.h"
+#include "splinemap/replica.h"
 
 namespace splinemap {
 
-// What `splinemap watch` shows in a terminal: daemons, layers and a preview of the map, drawn anew
-// in place. Thread-compatible.
+// The screen of `splinemap watch`: daemons, layers and a preview of the map. Thread-compatible.
 class LiveView {
  public:
   explicit LiveView(const MapReplica& replica) : replica_(replica) {}
@@ -23,7 +23,7 @@ class LiveView {
   struct Daemon {
     status_t status;
     double scans_per_s = 0;
-    Clock::time_point heard;
+    Clock::time_point received;
   };
 
   std::string DaemonLines(Clock::time_point now) const;
@@ -35,8 +35,7 @@ class LiveView {
   Clock::time_point last_drawn_ = Clock::now();
 };
 
-// One line on a daemon. Texts come from the bus: control characters are shown, not sent to the
-// terminal.
+// One line about a daemon. It is PlainText, since names and problems come from the bus.
 std::string StatusLine(const status_t& status);
 
 }  // namespace splinemap

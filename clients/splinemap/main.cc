@@ -1,9 +1,12 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 #include <exception>
+#include <memory>
+#include <string>
+#include <vector>
 
 #include "clients/splinemap/commands.h"
-#include "clients/splinemap/say.h"
+#include "clients/splinemap/print.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 
@@ -13,43 +16,76 @@ namespace {
 constexpr const char* kMainExamples = R"(
 Examples:
   splinemap simulate office.lcmlog
-  splinemap build office.lcmlog --out office.splinemap
+  splinemap build office.lcmlog office.splinemap
   splinemap render office.splinemap office.png --px-per-knot 2
   splinemap query office.splinemap 3.0 6.5
-  splinemap merge robot-1.splinemap robot-2.splinemap -o both.splinemap
+  splinemap query --live 3.0 6.5
+  splinemap merge robot-1.splinemap robot-2.splinemap --out both.splinemap
 
 splinemap COMMAND --help explains a command. Exit status: 0 done, 1 failed, 2 usage.)";
 
+// Help without the names of types that CLI11 adds to arguments, and without ranges.
+class HelpFormatter : public CLI::Formatter {
+ public:
+  std::string make_option_usage(const CLI::Option* option) const override {
+    const std::string name = option->get_name(/*positional=*/true);
+    const bool is_several = name.find(' ') != std::string::npos;  // MAP X Y
+    return is_several ? name : CLI::Formatter::make_option_usage(option);
+  }
+  std::string make_option_opts(const CLI::Option* option) const override {
+    if (option->get_positional() || option->get_type_size() == 0) return "";
+    std::string type = option->get_type_name();
+    if (type.find(" in [") != std::string::npos) type.resize(type.find(':'));  // FLOAT:FLOAT in [..
+    if (const size_t choice = type.find(":{"); choice != std::string::npos) {
+      type.erase(0, choice + 1);
+    }
+    return " " + type + (option->get_required() ? " (required)" : "");
+  }
+};
+
+// CLI11 takes -0.5 for a number, but -.5 for a flag.
+std::vector<std::string> ArgumentsOf(int argc, char** argv) {
+  std::vector<std::string> arguments(argv, argv + argc);
+  for (std::string& argument : arguments) {
+    if (argument.starts_with("-.")) argument.insert(1, "0");
+  }
+  return arguments;
+}
+
 int Main(int argc, char** argv) {
-  CLI::App app("splinemap: builds, asks and shows continuous occupancy maps of LCM robots.");
+  CLI::App app(
+      "splinemap: builds, queries, merges and draws continuous occupancy maps of LCM robots.");
+  app.formatter(std::make_shared<HelpFormatter>());
   app.footer(kMainExamples);
   app.set_version_flag("--version", SPLINEMAP_VERSION);
   app.require_subcommand(1);
   Command chosen;
-  AddBackup(app, chosen);
   AddBuild(app, chosen);
   AddInfo(app, chosen);
   AddRender(app, chosen);
+  AddExport(app, chosen);
   AddQuery(app, chosen);
   AddRay(app, chosen);
   AddCheck(app, chosen);
   AddDistance(app, chosen);
   AddRaster(app, chosen);
-  AddExport(app, chosen);
   AddDiff(app, chosen);
   AddLayers(app, chosen);
-  AddControl(app, chosen);
+  AddLayer(app, chosen);
   AddMerge(app, chosen);
-  AddRemove(app, chosen);
   AddFlatten(app, chosen);
+  AddBackup(app, chosen);
   AddDoctor(app, chosen);
   AddWatch(app, chosen);
   AddSnapshot(app, chosen);
   AddBridge(app, chosen);
   AddSimulate(app, chosen);
   AddImportCarmen(app, chosen);
+  const std::vector<std::string> arguments = ArgumentsOf(argc, argv);
+  std::vector<const char*> pointers;
+  for (const std::string& argument : arguments) pointers.push_back(argument.c_str());
   try {
-    app.parse(argc, argv);
+    app.parse(argc, pointers.data());
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? kSuccess : kUsage;
   }
@@ -60,7 +96,7 @@ int Main(int argc, char** argv) {
     fmt::print(stderr, "splinemap: {}\n", PlainLines(ErrorText(status.status())));
     return absl::IsInvalidArgument(status.status()) ? kUsage : kFailed;
   } catch (const std::exception& exception) {  // out of memory, say
-    Say(stderr, "splinemap: {}", exception.what());
+    PrintLine(stderr, "splinemap: {}", exception.what());
     return kFailed;
   }
 }

@@ -1,52 +1,79 @@
 #include "clients/splinemap/map_source.h"
 
+#include <CLI/App.hpp>
+
 #include "absl/strings/numbers.h"
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/files.h"
+#include "clients/splinemap/follow.h"
 #include "lib/base/status.h"
 #include "lib/map/summed_layers.h"
-#include "lib/query/local_map.h"
-#include "lib/store/map_file.h"
+#include "splinemap/client.h"
+#include "splinemap/file.h"
+#include "splinemap/local_map.h"
 
 namespace splinemap {
+namespace {
 
-void AddAskedMapFlags(CLI::App& command, const std::string& words, const std::string& what,
-                      MapSourceFlags& flags) {
-  command.add_option(words, flags.words, "Map file, but with --live none; " + what);
+void AddSource(CLI::App& command, const std::string& names, const std::string& what,
+               const std::string& robot, MapSourceFlags& flags) {
+  command.add_option(names, flags.arguments,
+                     "Map file, or --live in its place" + (what.empty() ? "" : "; then " + what));
   CLI::Option* const live =
-      command.add_flag("--live", flags.live, "Ask a running splinemapd instead of a map file");
-  command.add_option("--lcm-url", flags.lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
-      ->type_name("URL")
-      ->needs(live);
-  command.add_option("--prefix", flags.client.channel_prefix, "channel_prefix of the daemon")
-      ->needs(live);
-  command
-      .add_option("--robot", flags.client.robot, "Robot to ask (default: the first that answers)")
-      ->type_name("NAME")
-      ->needs(live);
-  command.add_option("--timeout", flags.timeout_s, "s until it gives up (default 2)")
-      ->check(CLI::Range(0.01, 1e6))
-      ->needs(live);
+      command.add_flag("--live", flags.live, "Use the map of the daemons on an LCM bus");
+  AddBusFlags(command, flags.bus, live);
+  RequireLive(command.add_option("--robot", flags.robot, robot)->type_name("NAME"), live);
+  AddTimeoutFlag(command, flags.bus, live);
 }
 
-absl::StatusOr<absl::Span<const std::string>> WordsAfterMap(const MapSourceFlags& flags) {
-  const absl::Span<const std::string> words = flags.words;
-  if (flags.live) return words;
-  if (words.empty()) return InvalidArgument("name a map file, or ask a daemon with --live");
-  return words.subspan(1);
+}  // namespace
+
+void AddMapSource(CLI::App& command, const std::string& names, const std::string& what,
+                  MapSourceFlags& flags) {
+  AddSource(command, names, what, "Only the daemon of this robot", flags);
+}
+
+void AddMapViewSource(CLI::App& command, const std::string& names, const std::string& what,
+                      MapSourceFlags& flags) {
+  flags.bus.timeout_s = kCatchUpTimeout_s;
+  AddSource(command, names, what, kLayersOfRobot, flags);
+}
+
+std::vector<std::string> MapFilesOf(const MapSourceFlags& flags) {
+  if (flags.live || flags.arguments.empty()) return {};
+  return {flags.arguments.front()};
+}
+
+absl::StatusOr<absl::Span<const std::string>> ArgumentsAfterMap(const MapSourceFlags& flags) {
+  const absl::Span<const std::string> arguments = flags.arguments;
+  if (flags.live) return arguments;
+  if (arguments.empty()) return InvalidArgument("give a map file, or --live in its place");
+  return arguments.subspan(1);
 }
 
 absl::StatusOr<std::vector<double>> NumbersAfterMap(const MapSourceFlags& flags) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const auto words, WordsAfterMap(flags));
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto arguments, ArgumentsAfterMap(flags));
   std::vector<double> numbers;
-  for (const std::string& word : words) {
+  for (const std::string& argument : arguments) {
     double number = 0;
-    if (!absl::SimpleAtod(word, &number)) {
-      return InvalidArgument("{} is no number{}", word,
-                             flags.live ? "; with --live no map file is named" : "");
+    if (!absl::SimpleAtod(argument, &number)) {
+      return InvalidArgument("{} is not a number{}", argument,
+                             flags.live ? "; --live takes the place of the map file" : "");
     }
     numbers.push_back(number);
   }
   return numbers;
+}
+
+absl::StatusOr<std::string> OutputAfterMap(const MapSourceFlags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto arguments, ArgumentsAfterMap(flags));
+  if (arguments.size() != 1) {
+    return InvalidArgument(
+        "give one output after {}; there are {}",
+        flags.live ? "--live, which takes the place of the map file" : "the map file",
+        arguments.size());
+  }
+  return arguments[0];
 }
 
 std::vector<Eigen::Vector2d> PointsOf(absl::Span<const double> numbers) {
@@ -57,20 +84,32 @@ std::vector<Eigen::Vector2d> PointsOf(absl::Span<const double> numbers) {
 
 absl::StatusOr<MapSource> OpenMapSource(const MapSourceFlags& flags) {
   if (flags.live) {
-    ClientOptions options = flags.client;
-    options.deadline = std::chrono::ceil<std::chrono::milliseconds>(
-        std::chrono::duration<double>(flags.timeout_s));
-    SPLINEMAP_ASSIGN_OR_RETURN(auto client, MapClient::Connect(flags.lcm_url, options));
+    ClientOptions options;
+    options.channel_prefix = flags.bus.channel_prefix;
+    options.robot = flags.robot;
+    options.deadline = flags.bus.Timeout();
+    SPLINEMAP_ASSIGN_OR_RETURN(auto client, MapClient::Connect(flags.bus.lcm_url, options));
     return MapSource{std::move(client), kSuccess};
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.words.at(0)));
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.arguments.at(0)));
   return MapSource{std::make_unique<LocalMap>(ViewOf(loaded.set)), ReportCorruption(loaded)};
+}
+
+absl::StatusOr<MapViewSource> OpenMapView(const MapSourceFlags& flags) {
+  if (flags.live) {
+    FollowOptions options;
+    if (!flags.robot.empty()) options.names = {flags.robot};
+    SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, FollowUntilCaughtUp(flags.bus, options));
+    return MapViewSource{replica->View(), ReportRefused(*replica)};
+  }
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.arguments.at(0)));
+  return MapViewSource{ViewOf(loaded.set), ReportCorruption(loaded)};
 }
 
 void AddOccupiedFlag(CLI::App& command, double& occupied_log_odds) {
   command
       .add_option("--occupied", occupied_log_odds,
-                  "Log-odds from which on a point is occupied (default 0)")
+                  "A point of at least these log-odds is occupied (default 0)")
       ->type_name("LOG_ODDS");
 }
 
@@ -78,8 +117,8 @@ void AddObstacleFlags(CLI::App& command, ObstacleFlags& flags) {
   AddOccupiedFlag(command, flags.occupied_log_odds);
   command
       .add_option("--unknown", flags.unknown,
-                  "Whether what was never seen stops it, or passes as free (default stops)")
-      ->check(CLI::IsMember({"stops", "passes"}));
+                  "Whether unknown space is blocked or free (default blocked)")
+      ->check(CLI::IsMember({"blocked", "free"}));
 }
 
 const char* NameOf(Occupancy occupancy) {

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <CLI/App.hpp>
 #include <Eigen/Core>
 #include <memory>
 #include <string>
@@ -8,44 +7,66 @@
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
-#include "lib/client/map_client.h"
-#include "lib/query/queryable_map.h"
+#include "clients/splinemap/bus_flags.h"
+#include "splinemap/queries.h"
+
+namespace CLI {
+class App;
+}
 
 namespace splinemap {
 
-// What commands share that ask a map file or, with --live, the map of a daemon.
+class QueryableMap;
+struct MapView;
+
+// Where a command reads the map: a map file, its first positional, or with --live a bus.
 struct MapSourceFlags {
-  std::vector<std::string> words;  // a map file unless `live`, and what the command takes
+  std::vector<std::string> arguments;  // all positionals: the map file unless `live`, and others
   bool live = false;
-  std::string lcm_url;
-  ClientOptions client;
-  double timeout_s = 2;
+  BusFlags bus;
+  std::string robot;  // empty: any
 };
 
-// `words` is how --help calls the words of the command, `what` explains them.
-void AddAskedMapFlags(CLI::App& command, const std::string& words, const std::string& what,
+// Adds the positionals of a command, which --help calls `names`, beginning with MAP, and --live
+// with the flags of the daemon that is queried. `what` explains the positionals after MAP.
+void AddMapSource(CLI::App& command, const std::string& names, const std::string& what,
+                  MapSourceFlags& flags);
+// The same for commands that evaluate the map themselves, for which --live follows the daemons.
+void AddMapViewSource(CLI::App& command, const std::string& names, const std::string& what,
                       MapSourceFlags& flags);
 
-// The words after the map file. InvalidArgument without one.
-absl::StatusOr<absl::Span<const std::string>> WordsAfterMap(const MapSourceFlags& flags);
+// The map file, as a list that has it unless `live`.
+std::vector<std::string> MapFilesOf(const MapSourceFlags& flags);
+// The positionals after the map file. InvalidArgument without one.
+absl::StatusOr<absl::Span<const std::string>> ArgumentsAfterMap(const MapSourceFlags& flags);
 absl::StatusOr<std::vector<double>> NumbersAfterMap(const MapSourceFlags& flags);
+// The one positional after the map file, which names what to write.
+absl::StatusOr<std::string> OutputAfterMap(const MapSourceFlags& flags);
 // Requires an even number of numbers.
 std::vector<Eigen::Vector2d> PointsOf(absl::Span<const double> numbers);
 
+// Both require ArgumentsAfterMap(). `exit_status` is that of a command that else succeeded: kFailed
+// where the file is corrupt.
 struct MapSource {
   std::unique_ptr<QueryableMap> map;
-  int exit_status = 0;  // of a command that else succeeded: kFailed where the file is damaged
+  int exit_status = 0;
 };
 // Errors: those of ReadMapFile() and of MapClient::Connect().
 absl::StatusOr<MapSource> OpenMapSource(const MapSourceFlags& flags);
+struct MapViewSource {
+  std::shared_ptr<const MapView> map;
+  int exit_status = 0;
+};
+// Errors: those of ReadMapFile() and of FollowUntilCaughtUp().
+absl::StatusOr<MapViewSource> OpenMapView(const MapSourceFlags& flags);
 
-// What rays and sweeps make of the surface.
+// What blocks rays and sweeps.
 struct ObstacleFlags {
   double occupied_log_odds = kDefaultOccupied;
-  std::string unknown = "stops";
+  std::string unknown = "blocked";
 
   UnknownPolicy Policy() const {
-    return unknown == "passes" ? UnknownPolicy::kFree : UnknownPolicy::kBlocked;
+    return unknown == "free" ? UnknownPolicy::kFree : UnknownPolicy::kBlocked;
   }
 };
 void AddOccupiedFlag(CLI::App& command, double& occupied_log_odds);

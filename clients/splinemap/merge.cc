@@ -1,3 +1,4 @@
+#include <CLI/App.hpp>
 #include <cstdio>
 #include <filesystem>
 #include <map>
@@ -5,20 +6,23 @@
 #include <optional>
 
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/files.h"
 #include "clients/splinemap/layer_name.h"
 #include "clients/splinemap/layer_rows.h"
+#include "clients/splinemap/print.h"
 #include "clients/splinemap/progress.h"
-#include "clients/splinemap/say.h"
 #include "lib/base/status.h"
 #include "lib/layers/layer_union.h"
 #include "lib/map/summed_layers.h"
+#include "splinemap/file.h"
 
 namespace splinemap {
 namespace {
 
 struct MergeFlags {
   std::vector<std::string> maps;
-  MapOutput output;
+  Output output;
+  bool accepts_corrupt = false;
 };
 
 double Bytes(const std::string& path) {
@@ -31,8 +35,8 @@ absl::Status CheckOptions(const MapOptions& options, const std::string& path,
                           const MapOptions& others, const std::string& other_path) {
   constexpr double kUnits = kUnitsPerLogOdds;
   const auto differ = [&](const std::string& what, const std::string& a, const std::string& b) {
-    return InvalidArgument("{} of {} are {}, and those of {} are {}: such maps have no sum", what,
-                           path, a, other_path, b);
+    return InvalidArgument("{} of {} are {}, and those of {} are {}; such maps cannot be summed",
+                           what, path, a, other_path, b);
   };
   if (options.knot_interval_m != others.knot_interval_m) {
     return differ("knot intervals", fmt::format("{} m", options.knot_interval_m),
@@ -47,7 +51,7 @@ absl::Status CheckOptions(const MapOptions& options, const std::string& path,
   return absl::OkStatus();
 }
 
-// The files of a merge, read one after the other.
+// Merges files, which it is given one after the other.
 class Merger {
  public:
   absl::Status Add(const std::string& path, const LayerSet& map) {
@@ -65,11 +69,12 @@ class Merger {
 
   LayerSet Layers() const { return union_->Layers(); }
 
-  // Says what people may not expect. False where copies of a layer conflict.
+  // Prints what people may not expect. False where copies of a layer conflict.
   bool Report(const LayerSet& merged) const {
-    for (const std::string& note : notes_) Say(stderr, "{}", note);
+    for (const std::string& note : notes_) PrintLine(stderr, "{}", note);
     for (const LayerId& id : union_->Removed()) {
-      Say(stderr, "{} is left out: {}", NameOf(id), TextOf(merged.settings.Of(id), std::nullopt));
+      PrintLine(stderr, "{} is left out: {}", NameOf(id),
+                TextOf(merged.settings.Of(id), std::nullopt));
     }
     std::map<std::string, std::vector<std::string>> names;
     for (const LayerSnapshot& layer : merged.layers) {
@@ -77,7 +82,9 @@ class Merger {
     }
     for (const auto& [name, layers] : names) {
       if (layers.size() == 1) continue;
-      Say(stderr, "{} stay apart: two robots of one name, a new computer, or a map begun anew",
+      PrintLine(
+          stderr,
+          "{} stay apart; they come from two robots of one name, a new computer or a new map file",
           fmt::join(layers, " and "));
     }
     return !has_conflicts_;
@@ -90,29 +97,29 @@ class Merger {
     if (conflict.conflicting_tiles > 0) {
       has_conflicts_ = true;
       notes_.push_back(fmt::format(
-          "{}: {} has {} tiles that differ from those of {} at the same commit: made "
-          "by two owners of one copied file; of each one is kept, the same in any order "
-          "of files",
-          name, path, conflict.conflicting_tiles, source));
+          "{}: {} tiles of {} differ from those of {} at the same commit, since two daemons used "
+          "one copied file; one of each is kept, the same in any order of files",
+          name, conflict.conflicting_tiles, path, source));
       return;
     }
-    notes_.push_back(fmt::format(
-        "{}: session {} in {} replaces session {} in {}{}", name, conflict.kept.number,
-        conflict.is_map_newer ? path : source, conflict.dropped.number,
-        conflict.is_map_newer ? source : path,
-        conflict.kept.number == conflict.dropped.number ? ": two owners of one copied file" : ""));
+    notes_.push_back(fmt::format("{}: session {} in {} replaces session {} in {}{}", name,
+                                 conflict.kept.number, conflict.is_map_newer ? path : source,
+                                 conflict.dropped.number, conflict.is_map_newer ? source : path,
+                                 conflict.kept.number == conflict.dropped.number
+                                     ? ", since two daemons used one copied file"
+                                     : ""));
     if (conflict.is_map_newer) source = path;
   }
 
   std::optional<LayerUnion> union_;
   std::pair<MapOptions, std::string> options_;  // and the file that has them
-  std::map<LayerId, std::string> sources_;      // the first file that has the layer's start
+  std::map<LayerId, std::string> sources_;      // the first file that has the layer's session
   std::vector<std::string> notes_;
   bool has_conflicts_ = false;
 };
 
 absl::StatusOr<int> Merge(const MergeFlags& flags) {
-  SPLINEMAP_RETURN_IF_ERROR(CheckOutputOf(flags.maps, flags.output));
+  SPLINEMAP_RETURN_IF_ERROR(CheckMapOutput(flags.output, flags.maps));
   double all_bytes = 0;
   for (const std::string& path : flags.maps) all_bytes += Bytes(path);
   Merger merger;
@@ -123,7 +130,7 @@ absl::StatusOr<int> Merge(const MergeFlags& flags) {
     for (const std::string& path : flags.maps) {
       SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(path));
       if (!loaded.corruption.empty()) bar.Hide();
-      SPLINEMAP_RETURN_IF_ERROR(CheckInput(loaded, path, flags.output));
+      SPLINEMAP_RETURN_IF_ERROR(CheckInput(loaded, path, flags.accepts_corrupt));
       SPLINEMAP_RETURN_IF_ERROR(merger.Add(path, loaded.set));
       is_whole = is_whole && loaded.corruption.empty();
       bytes += Bytes(path);
@@ -131,31 +138,32 @@ absl::StatusOr<int> Merge(const MergeFlags& flags) {
     }
   }
   const LayerSet merged = merger.Layers();
-  SPLINEMAP_RETURN_IF_ERROR(SaveAs(merged, flags.output.out));
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs(merged, flags.output.path));
   const bool is_consistent = merger.Report(merged);
-  Say(stderr, "merged {} files: {} layers, {} tiles in {}", flags.maps.size(), merged.layers.size(),
-      ViewOf(merged)->tiles.size(), flags.output.out);
+  PrintLine(stderr, "merged {} files: {} layers, {} tiles in {}", flags.maps.size(),
+            merged.layers.size(), ViewOf(merged)->tiles.size(), flags.output.path);
   return is_whole && is_consistent ? kSuccess : kFailed;
 }
 
 constexpr const char* kMergeExamples = R"(
 Examples:
-  splinemap merge robot-1.splinemap robot-2.splinemap -o both.splinemap
+  splinemap merge robot-1.splinemap robot-2.splinemap --out both.splinemap
   splinemap merge both.splinemap robot-*.splinemap -o fleet.splinemap
 
-The layers of all files, each in the newest state that a file has; the map is their sum. Layers stay
-apart inside, so that merged files can be merged again: the order of files, groups of them and files
-that come twice make no difference. Robots have to share a map frame, a knot interval and clamps.
-Exit status: 0 merged; 1 failed, or merged and copies of a layer conflict; 2 usage.)";
+Writes the layers of all files, each in its newest state; the map is their sum. The layers stay
+apart in the file, so that merged files can be merged again: the order of files, their grouping and
+repeated files make no difference. The maps must share a frame, a knot interval and clamps. Exit
+status: 0 merged; 1 failed, or merged with conflicting copies of a layer; 2 usage.)";
 
 }  // namespace
 
 void AddMerge(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<MergeFlags>();
-  CLI::App* command = app.add_subcommand("merge", "Put the layers of several maps into one");
+  CLI::App* command = app.add_subcommand("merge", "Merge the layers of several map files");
   command->footer(kMergeExamples);
   command->add_option("MAP", flags->maps, "Map files")->required();
-  AddMapOutputFlags(*command, flags->output);
+  AddOutOption(*command, "Map file to write", flags->output)->required();
+  AddCorruptFlag(*command, flags->accepts_corrupt);
   command->callback([flags, &chosen] { chosen = [flags] { return Merge(*flags); }; });
 }
 

@@ -4,7 +4,7 @@
 
 namespace splinemap {
 
-// A progress bar on stderr where that is a terminal, and nothing elsewhere.
+// A progress bar on stderr where that is a terminal; elsewhere it prints nothing.
 class ProgressBar {
  public:
   explicit ProgressBar(std::string label);
@@ -12,7 +12,7 @@ class ProgressBar {
   ProgressBar(const ProgressBar&) = delete;
   ProgressBar& operator=(const ProgressBar&) = delete;
 
-  // `share` done, 0 .. 1; draws only when it looks different.
+  // The share that is done, 0 .. 1. Draws only when the bar changes.
   void Show(double share);
   // Until the next Show(), for other lines.
   void Hide();

@@ -1,3 +1,4 @@
+#include <CLI/App.hpp>
 #include <memory>
 #include <string>
 #include <vector>
@@ -5,13 +6,13 @@
 #include "clients/splinemap/answer_lines.h"
 #include "clients/splinemap/commands.h"
 #include "lib/base/status.h"
+#include "splinemap/queryable_map.h"
 
 namespace splinemap {
 namespace {
 
 struct QueryFlags {
-  MapSourceFlags asked;
-  std::string points_path;
+  LineFlags lines;
   bool hessian = false;
 };
 
@@ -19,11 +20,11 @@ absl::StatusOr<int> Query(const QueryFlags& flags) {
   LineAnswers answers;
   answers.row = "x_m,y_m";
   answers.columns = "x_m,y_m,log_odds,probability,dx_per_m,dy_per_m,known";
-  answers.broken = "nan,nan,nan,nan,nan,nan,0";
-  answers.finite = false;  // those are not known
+  answers.invalid = "nan,nan,nan,nan,nan,nan,0";
+  answers.finite = false;  // such points are not known
   if (flags.hessian) {
     answers.columns += ",dxx_per_m2,dxy_per_m2,dyy_per_m2";
-    answers.broken += ",nan,nan,nan";
+    answers.invalid += ",nan,nan,nan";
   }
   answers.answer = [&](const QueryableMap& map, const std::vector<std::vector<double>>& rows)
       -> absl::StatusOr<std::vector<std::string>> {
@@ -45,19 +46,19 @@ absl::StatusOr<int> Query(const QueryFlags& flags) {
     }
     return lines;
   };
-  return AnswerLines(flags.asked, flags.points_path, "--points", answers);
+  return AnswerLines(flags.lines, answers);
 }
 
 constexpr const char* kQueryExamples = R"(
 Examples:
   splinemap query lab.splinemap 1.25 -0.4
-  splinemap query --live 1.25 -0.4
+  splinemap query --live 1.25 -0.4 --json
   splinemap query lab.splinemap --points path.csv > path_with_log_odds.csv
 
-Units: metres in the map frame; log_odds of occupied; its gradient per metre; known is 1 where the
-nearest control point was touched by a measurement. --points takes lines x_m,y_m (more columns are
-ignored), - for stdin, and answers each line with one line, with --live 10,000 at a time; a header
-is answered with a header.)";
+Prints the log-odds of occupied, the probability, and the gradient of the log-odds per metre.
+"known" is 1 where a measurement touched the nearest control point. --points reads lines x_m,y_m,
+ignores further columns, and prints one line for each; a header yields a header. --live sends
+10,000 lines at a time.)";
 
 }  // namespace
 
@@ -65,8 +66,7 @@ void AddQuery(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<QueryFlags>();
   CLI::App* command = app.add_subcommand("query", "Value and gradient of a map at points");
   command->footer(kQueryExamples);
-  AddAskedMapFlags(*command, "MAP_X_Y", "coordinates in metres", flags->asked);
-  command->add_option("--points", flags->points_path, "CSV file of points")->type_name("FILE");
+  AddLineFlags(*command, "MAP X Y", "a point in metres", "--points", flags->lines);
   command->add_flag("--hessian", flags->hessian, "Add the second derivatives, per square metre");
   command->callback([flags, &chosen] { chosen = [flags] { return Query(*flags); }; });
 }

@@ -1,3 +1,4 @@
+#include <CLI/App.hpp>
 #include <cmath>
 #include <memory>
 #include <string>
@@ -6,14 +7,14 @@
 #include "clients/splinemap/answer_lines.h"
 #include "clients/splinemap/commands.h"
 #include "lib/base/status.h"
+#include "splinemap/queryable_map.h"
 
 namespace splinemap {
 namespace {
 
 struct RayFlags {
-  MapSourceFlags asked;
+  LineFlags lines;
   ObstacleFlags obstacles;
-  std::string rays_path;
   double max_range_m = 30;
 };
 
@@ -21,7 +22,7 @@ absl::StatusOr<int> CastRays(const RayFlags& flags) {
   LineAnswers answers;
   answers.row = "x_m,y_m,bearing_deg";
   answers.columns = "occupancy,range_m";
-  answers.broken = "unknown,nan";
+  answers.invalid = "unknown,nan";
   answers.answer = [&](const QueryableMap& map, const std::vector<std::vector<double>>& rows)
       -> absl::StatusOr<std::vector<std::string>> {
     RaysQuery query;
@@ -37,30 +38,29 @@ absl::StatusOr<int> CastRays(const RayFlags& flags) {
     }
     return lines;
   };
-  return AnswerLines(flags.asked, flags.rays_path, "--rays", answers);
+  return AnswerLines(flags.lines, answers);
 }
 
 constexpr const char* kRayExamples = R"(
 Examples:
   splinemap ray lab.splinemap 1.25 -0.4 90
-  splinemap ray --live 1.25 -0.4 -45 --max-range 10 --unknown passes
+  splinemap ray --live 1.25 -0.4 -45 --max-range 10 --unknown free
   splinemap ray lab.splinemap --rays rays.csv > ranges.csv
 
-Prints what ends the ray, and where: occupied or unknown; free after --max-range. Bearings are in
-degrees, counter-clockwise from the x axis of the map frame. --rays takes lines x_m,y_m,bearing_deg
-(more columns are ignored), - for stdin, and answers each line with one line, with --live 10,000
-at a time; a header is answered with a header.)";
+Prints what ends the ray, occupied or unknown space, and its range; free where nothing ends it
+within --max-range. Bearings are in degrees, counter-clockwise from the x axis of the map frame.
+--rays reads lines x_m,y_m,bearing_deg, ignores further columns, and prints one line for each; a
+header yields a header. --live sends 10,000 lines at a time.)";
 
 }  // namespace
 
 void AddRay(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<RayFlags>();
-  CLI::App* command = app.add_subcommand("ray", "The range along a ray to what is occupied");
+  CLI::App* command = app.add_subcommand("ray", "Range along a ray to the first obstacle");
   command->footer(kRayExamples);
-  AddAskedMapFlags(*command, "MAP_X_Y_BEARING", "origin in metres, bearing in degrees",
-                   flags->asked);
-  command->add_option("--rays", flags->rays_path, "CSV file of rays")->type_name("FILE");
-  command->add_option("--max-range", flags->max_range_m, "Metres at most (default 30)");
+  AddLineFlags(*command, "MAP X Y BEARING", "an origin in metres and a bearing in degrees",
+               "--rays", flags->lines);
+  command->add_option("--max-range", flags->max_range_m, "m, length of the ray (default 30)");
   AddObstacleFlags(*command, flags->obstacles);
   command->callback([flags, &chosen] { chosen = [flags] { return CastRays(*flags); }; });
 }

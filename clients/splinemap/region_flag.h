@@ -4,11 +4,19 @@
 #include <string>
 
 #include "absl/status/statusor.h"
-#include "lib/tiles/region.h"
+#include "splinemap/region.h"
+
+namespace CLI {
+class App;
+class Option;
+}  // namespace CLI
 
 namespace splinemap {
 
-// What --region says: x0,y0,x1,y1 in metres, or nothing.
+// Adds --region.
+CLI::Option* AddRegionFlag(CLI::App& command, std::string& text);
+
+// The region in the text of the flag: x0,y0,x1,y1 in metres; none for an empty text.
 absl::StatusOr<std::optional<Region>> ParseRegion(const std::string& text);
 
 }  // namespace splinemap

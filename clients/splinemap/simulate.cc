@@ -1,12 +1,14 @@
 #include <google/protobuf/text_format.h>
 
+#include <CLI/App.hpp>
 #include <cmath>
 #include <cstdio>
 #include <memory>
 
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/files.h"
+#include "clients/splinemap/print.h"
 #include "clients/splinemap/progress.h"
-#include "clients/splinemap/say.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/config/checked_text.h"
@@ -41,8 +43,18 @@ absl::StatusOr<simulation::World> LoadWorld(const SimulateFlags& flags) {
   return world;
 }
 
+absl::Status CheckOutputs(const SimulateFlags& flags) {
+  std::vector<std::string> read = flags.files;
+  read.pop_back();
+  for (const std::string& path : {flags.files.back(), flags.trajectory_path, flags.world_path}) {
+    if (path.empty()) continue;
+    SPLINEMAP_RETURN_IF_ERROR(CheckOutput({path, flags.force}, read));
+  }
+  return absl::OkStatus();
+}
+
 absl::StatusOr<int> Simulate(const SimulateFlags& flags) {
-  SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.files.back(), flags.force));
+  SPLINEMAP_RETURN_IF_ERROR(CheckOutputs(flags));
   SPLINEMAP_ASSIGN_OR_RETURN(const simulation::World world, LoadWorld(flags));
   SPLINEMAP_ASSIGN_OR_RETURN(const Drive drive, Drive::Plan(world));
   SPLINEMAP_ASSIGN_OR_RETURN(LcmLogWriter writer, LcmLogWriter::Create(flags.files.back()));
@@ -82,8 +94,8 @@ absl::StatusOr<int> Simulate(const SimulateFlags& flags) {
     google::protobuf::TextFormat::PrintToString(world, &text);
     SPLINEMAP_RETURN_IF_ERROR(WriteFile(flags.world_path, text));
   }
-  Say(stderr, "{} scans and {} poses over {:.1f} s written to {}", scans, poses, drive.duration_s(),
-      flags.files.back());
+  PrintLine(stderr, "{} scans and {} poses over {:.1f} s written to {}", scans, poses,
+            drive.duration_s(), flags.files.back());
   return kSuccess;
 }
 
@@ -93,17 +105,17 @@ Examples:
   splinemap simulate office.lcmlog --world-out office.world --trajectory truth.csv
   splinemap simulate office.world changed.lcmlog --seed 2 --noise 0.03
 
-Channels: LASER (bot_core.planar_lidar_t), POSE (bot_core.pose_t, the true pose). Without WORLD: an
-office floor with a corridor, rooms, pillars, chair legs of 5 cm and a door that closes. A world is
-Protobuf text; --world-out writes the one that is used, to be changed.)";
+Writes the channels LASER (bot_core.planar_lidar_t) and POSE (bot_core.pose_t, the true pose).
+Without WORLD it simulates an office floor with a corridor, rooms, pillars, chair legs of 5 cm and a
+door that closes. A world is Protobuf text; --world-out writes the one in use, for you to edit.)";
 
 }  // namespace
 
 void AddSimulate(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<SimulateFlags>();
-  CLI::App* command = app.add_subcommand("simulate", "Make an LCM log of a simulated drive");
+  CLI::App* command = app.add_subcommand("simulate", "Simulate a drive and write it as an LCM log");
   command->footer(kSimulateExamples);
-  command->add_option("[WORLD]_OUT", flags->files, "LCM log to write, after the world if given")
+  command->add_option("[WORLD] OUT", flags->files, "World, if any; then the LCM log to write")
       ->required()
       ->expected(1, 2);
   command->add_option("--rate", flags->scan_rate_hz, "Hz, scans (default 10)")
@@ -112,17 +124,18 @@ void AddSimulate(CLI::App& app, Command& chosen) {
       ->check(CLI::Range(0.1, 1000.0));
   command->add_option("--beams", flags->scanner.num_beams, "Beams per scan (default 360)")
       ->check(CLI::Range(1, 16384));
-  command->add_option("--range-max", flags->scanner.range_max_m, "m (default 12)")
+  command->add_option("--range-max", flags->scanner.range_max_m, "m, maximum range (default 12)")
       ->check(CLI::Range(0.1, 1000.0));
   command
       ->add_option("--noise", flags->scanner.noise_sigma_m,
                    "m, standard deviation of the ranges (default 0.01)")
       ->check(CLI::Range(0.0, 10.0));
-  command->add_option("--seed", flags->seed, "Of the noise (default 1)");
-  command->add_option("--trajectory", flags->trajectory_path, "CSV file for the true poses")
+  command->add_option("--seed", flags->seed, "Seed of the noise (default 1)");
+  command->add_option("--trajectory", flags->trajectory_path, "CSV file to write, the true poses")
       ->type_name("FILE");
-  command->add_option("--world-out", flags->world_path, "File for the world")->type_name("FILE");
-  command->add_flag("--force", flags->force, "Replace the log if it exists");
+  command->add_option("--world-out", flags->world_path, "File to write, the world")
+      ->type_name("FILE");
+  AddForceFlag(*command, flags->force);
   command->callback([flags, &chosen] { chosen = [flags] { return Simulate(*flags); }; });
 }
 

@@ -1,99 +1,45 @@
+#include <CLI/App.hpp>
 #include <algorithm>
 #include <chrono>
 #include <memory>
-#include <thread>
+#include <utility>
 
 #include "clients/splinemap/commands.h"
+#include "clients/splinemap/files.h"
+#include "clients/splinemap/follow.h"
+#include "clients/splinemap/print.h"
 #include "clients/splinemap/progress.h"
 #include "clients/splinemap/region_flag.h"
-#include "clients/splinemap/say.h"
 #include "lib/base/status.h"
 #include "lib/logs/lcm_log.h"
-#include "lib/replica/map_replica.h"
 #include "lib/replication/map_follower.h"
+#include "splinemap/layer_set.h"
 
 namespace splinemap {
 namespace {
 
 struct SnapshotFlags {
-  std::string out;
-  std::string lcm_url;
+  Output output;
+  BusFlags bus;
   std::string log;
   std::string region;
-  std::string statistic = "value";
+  std::string statistic = "mean";
   FollowOptions follow;
-  double timeout_s = 10;
-  bool force = false;
 };
 
-std::string Name(const FollowedLayer& layer) { return PlainText(layer.id.name); }
-
-// Every daemon says once a second what it has; in this time nearly always all of them are heard.
-constexpr std::chrono::duration<double> kHearAll(2.5);
-
-absl::Status WaitUntilCaughtUp(const MapReplica& replica, const SnapshotFlags& flags) {
-  const auto begin = Clock::now();
-  const auto timeout = std::chrono::duration<double>(flags.timeout_s);
-  while (Clock::now() - begin < timeout) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    const std::vector<FollowedLayer> layers = replica.FollowedLayers();
-    const bool all_caught_up =
-        std::all_of(layers.begin(), layers.end(),
-                    [](const FollowedLayer& l) { return l.caught_up && l.matches_digest; });
-    const bool all_heard = std::all_of(
-        flags.follow.names.begin(), flags.follow.names.end(), [&](const std::string& pattern) {
-          return std::any_of(layers.begin(), layers.end(), [&](const FollowedLayer& l) {
-            return MatchesName(pattern, l.id.name);
-          });
-        });
-    if (!layers.empty() && all_caught_up && all_heard &&
-        Clock::now() - begin > std::min(kHearAll, timeout / 2)) {
-      return absl::OkStatus();
-    }
-  }
-  if (const std::string problem = replica.BusProblem(); !problem.empty()) {
-    return Unavailable("{}", problem);
-  }
-  std::string missing;
-  for (const std::string& refused : replica.Refused()) {
-    missing += fmt::format("; not followed: {}", PlainText(refused));
-  }
-  for (const FollowedLayer& layer : replica.FollowedLayers()) {
-    if (!layer.caught_up || !layer.matches_digest)
-      missing += fmt::format("; {} has {} tiles so far", Name(layer), layer.tiles);
-  }
-  for (const std::string& name : flags.follow.names) {
-    const auto layers = replica.FollowedLayers();
-    if (!layers.empty() && std::none_of(layers.begin(), layers.end(), [&](const FollowedLayer& l) {
-          return MatchesName(name, l.id.name);
-        })) {
-      missing += fmt::format("; {} is not heard", PlainText(name));
-    }
-  }
-  if (missing.empty()) {
-    return Unavailable("heard no map on {}_DIGESTS for {:g} s; does splinemapd run on this bus?",
-                       flags.follow.channel_prefix, flags.timeout_s);
-  }
-  return Unavailable("the map is not whole after {:g} s{}; give it more with --timeout",
-                     flags.timeout_s, missing);
-}
-
-// Saves what is whole, and says what is not.
-absl::StatusOr<int> Save(const LayerSet& map, const std::vector<std::string>& refused,
-                         const SnapshotFlags& flags) {
-  SPLINEMAP_RETURN_IF_ERROR(SaveAs(map, flags.out));
-  for (const std::string& name_and_why : refused) {
-    Say(stderr, "left out: {}", name_and_why);
-  }
+absl::Status Save(const LayerSet& map, const std::string& out) {
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs(map, out));
   for (const LayerSnapshot& layer : map.layers) {
-    Say(stderr, "{}: {} tiles, commit {}", layer.id.name, layer.tiles.size(), layer.revision);
+    PrintLine(stderr, "{}: {} tiles, commit {}", layer.id.name, layer.tiles.size(), layer.revision);
   }
-  return refused.empty() ? kSuccess : kFailed;
+  return absl::OkStatus();
 }
 
-absl::StatusOr<int> ReadFromLog(const SnapshotFlags& flags) {
-  MapFollower follower(flags.follow, 0);  // which has nobody to ask
-  const std::vector<std::string> channels = ReplicationChannels(flags.follow.channel_prefix);
+absl::StatusOr<int> FollowLog(const SnapshotFlags& flags) {
+  FollowOptions options = flags.follow;
+  options.channel_prefix = flags.bus.channel_prefix;
+  MapFollower follower(options, 0);  // its requests are not published
+  const std::vector<std::string> channels = ReplicationChannels(options.channel_prefix);
   Clock::time_point now;
   absl::Status read;
   {
@@ -102,36 +48,41 @@ absl::StatusOr<int> ReadFromLog(const SnapshotFlags& flags) {
         flags.log,
         [&](const LogEvent& event) {
           if (std::find(channels.begin(), channels.end(), event.channel) == channels.end()) return;
-          constexpr Utime kMax(int64_t{1} << 52);  // in 140 years; files may say anything
+          constexpr Utime kMax(int64_t{1} << 52);  // in 140 years; files may have any time
           now = Clock::time_point(std::clamp(event.utime, Utime(0), kMax));
           follower.HandleBytes(event.message, now);
         },
         [&](double share) { bar.Show(share); });
   }
-  if (!read.ok()) Say(stderr, "{}", ErrorText(read));
+  if (!read.ok()) PrintLine(stderr, "{}", ErrorText(read));
   const LayerSet map = follower.SyncedLayers();
   if (map.layers.empty()) {
     return FailedPrecondition(
-        "no map is whole in {}: {}; a log that begins after the daemon has the whole map only "
-        "where a follower asked for it meanwhile, as splinemap snapshot does",
+        "no layer in {} has caught up, {}. A log that begins after the daemon has the whole map "
+        "only where a follower requested it meanwhile, as splinemap snapshot does",
         flags.log,
         follower.FollowedLayers(now).empty()
-            ? fmt::format("nothing is on {}_DIGESTS", flags.follow.channel_prefix)
+            ? fmt::format("{}_DIGESTS has no messages", options.channel_prefix)
             : "updates are missing");
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(int exit_status, Save(map, follower.refused(), flags));
+  SPLINEMAP_RETURN_IF_ERROR(Save(map, flags.output.path));
+  bool is_complete = read.ok();
+  for (const std::string& refused : follower.refused()) {
+    PrintLine(stderr, "left out: {}", refused);
+    is_complete = false;
+  }
   for (const FollowedLayer& layer : follower.FollowedLayers(now)) {
     if (layer.matches_digest) continue;
-    Say(stderr, "{}: what follows commit {} is not whole in the log", Name(layer), layer.revision);
-    exit_status = kFailed;
+    PrintLine(stderr, "{}: the log lacks updates after commit {}", layer.id.name, layer.revision);
+    is_complete = false;
   }
-  return read.ok() ? exit_status : kFailed;
+  return is_complete ? kSuccess : kFailed;
 }
 
-absl::StatusOr<int> ReadFromBus(const SnapshotFlags& flags) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow(flags.lcm_url, flags.follow));
-  SPLINEMAP_RETURN_IF_ERROR(WaitUntilCaughtUp(*replica, flags));
-  return Save(replica->SyncedLayers(), replica->Refused(), flags);
+absl::StatusOr<int> FollowBus(const SnapshotFlags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, FollowUntilCaughtUp(flags.bus, flags.follow));
+  SPLINEMAP_RETURN_IF_ERROR(Save(replica->SyncedLayers(), flags.output.path));
+  return ReportRefused(*replica);
 }
 
 absl::StatusOr<int> TakeSnapshot(SnapshotFlags flags) {
@@ -140,52 +91,46 @@ absl::StatusOr<int> TakeSnapshot(SnapshotFlags flags) {
                                            : flags.statistic == "max" ? Statistic::kMax
                                                                       : Statistic::kMean;
   if (!flags.follow.level_of_detail.IsValid()) {
-    return InvalidArgument("--statistic {} is of coarser levels; add --level", flags.statistic);
+    return InvalidArgument("--statistic {} requires a --level above 0", flags.statistic);
   }
-  SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.out, flags.force));
-  return flags.log.empty() ? ReadFromBus(flags) : ReadFromLog(flags);
+  std::vector<std::string> inputs;
+  if (!flags.log.empty()) inputs.push_back(flags.log);
+  SPLINEMAP_RETURN_IF_ERROR(CheckMapOutput(flags.output, inputs));
+  return flags.log.empty() ? FollowBus(flags) : FollowLog(flags);
 }
 
 constexpr const char* kSnapshotExamples = R"(
 Examples:
   splinemap snapshot lab.splinemap
   splinemap snapshot --robot one --lcm-url 'udpm://239.255.76.67:7667?ttl=0' one.splinemap
-  splinemap snapshot --region=-5,-5,20,10 --level 2 --statistic max obstacles.splinemap
+  splinemap snapshot --region -5,-5,20,10 --level 2 --statistic max obstacles.splinemap
   splinemap snapshot --log recorded.lcmlog lab.splinemap
 
-Follows the daemons on a bus until it has their maps byte for byte, and saves them as one file. At
-level n the knot interval is 2^n times as wide; values are smoothed, min and max are the least and the
-greatest log-odds of each square of 2^n x 2^n control points. Exit status: 0 saved, 1 not whole within
---timeout or a layer left out, 2 usage.)";
+Follows the daemons on a bus until it has caught up with them byte for byte, and saves their layers
+as one file. At level n the knot interval is 2^n times as wide. The mean is smoothed; min and max
+are the least and the greatest log-odds of 2^n x 2^n control points. Exit status: 0 saved; 1 not
+caught up within --timeout, or saved without a layer; 2 usage.)";
 
 }  // namespace
 
 void AddSnapshot(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<SnapshotFlags>();
-  CLI::App* command = app.add_subcommand("snapshot", "Save the map that daemons on a bus have");
+  flags->bus.timeout_s = kCatchUpTimeout_s;
+  CLI::App* command = app.add_subcommand("snapshot", "Save the map of the daemons on an LCM bus");
   command->footer(kSnapshotExamples);
-  command->add_option("OUT", flags->out, "Map file to write")->required();
-  command->add_option("--lcm-url", flags->lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
-      ->type_name("URL");
-  command->add_option("--prefix", flags->follow.channel_prefix, "channel_prefix of the daemons");
-  command
-      ->add_option("--robot", flags->follow.names,
-                   "Only the layers of this robot, * and ? allowed; may be repeated")
-      ->type_name("NAME");
-  command
-      ->add_option("--region", flags->region, "Only tiles about this part of the map frame, in m")
-      ->type_name("X0,Y0,X1,Y1");
+  AddOutput(*command, "OUT", "Map file to write", flags->output);
+  AddBusFlags(*command, flags->bus);
+  AddRobotsFlag(*command, flags->follow.names);
+  AddTimeoutFlag(*command, flags->bus);
+  AddRegionFlag(*command, flags->region);
   command
       ->add_option("--level", flags->follow.level_of_detail.level,
-                   "Level of level_of_detail (default 0: as mapped)")
+                   "Level of detail (default 0, as mapped)")
       ->check(CLI::Range(0, LevelOfDetail::kMaxLevel));
-  command->add_option("--statistic", flags->statistic, "Of coarser levels (default value)")
-      ->check(CLI::IsMember({"value", "min", "max"}));
-  command->add_option("--log", flags->log, "Follow what this LCM log has, instead of a bus")
+  command->add_option("--statistic", flags->statistic, "Statistic of a level (default mean)")
+      ->check(CLI::IsMember({"mean", "min", "max"}));
+  command->add_option("--log", flags->log, "Follow the messages in an LCM log instead of a bus")
       ->excludes("--lcm-url", "--region", "--level");
-  command->add_option("--timeout", flags->timeout_s, "s until it gives up (default 10)")
-      ->check(CLI::Range(0.1, 1e6));
-  command->add_flag("--force", flags->force, "Replace OUT");
   command->callback([flags, &chosen] { chosen = [flags] { return TakeSnapshot(*flags); }; });
 }
 

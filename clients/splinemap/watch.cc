@@ -1,13 +1,15 @@
 #include <unistd.h>
 
+#include <CLI/App.hpp>
 #include <chrono>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "clients/splinemap/bus_flags.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/live_view.h"
-#include "clients/splinemap/say.h"
+#include "clients/splinemap/print.h"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
@@ -20,9 +22,7 @@ constexpr std::chrono::milliseconds kDrawInterval(1000);
 constexpr std::chrono::milliseconds kWatchTick(50);
 
 struct WatchFlags {
-  std::string lcm_url;
-  std::string prefix = "SPLINEMAP";
-  double timeout_s = 5;
+  BusFlags bus;
   bool json = false;
   bool once = false;
 };
@@ -33,7 +33,7 @@ nlohmann::json Counts(const std::vector<std::string>& names, const std::vector<i
   return json;
 }
 
-nlohmann::json ToJson(const status_t& status) {
+nlohmann::json StatusToJson(const status_t& status) {
   return {{"utime", status.utime},
           {"name", status.name},
           {"origin", fmt::format("{:016x}", static_cast<uint64_t>(status.origin))},
@@ -60,12 +60,12 @@ nlohmann::json ToJson(const status_t& status) {
 
 // Until the user ends it.
 absl::StatusOr<int> DrawLive(const WatchFlags& flags) {
-  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
+  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.bus.lcm_url));
   FollowOptions follow;
-  follow.channel_prefix = flags.prefix;
-  SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow(flags.lcm_url, follow));
+  follow.channel_prefix = flags.bus.channel_prefix;
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow(flags.bus.lcm_url, follow));
   LiveView view(*replica);
-  bus->Subscribe(flags.prefix + "_STATUS",
+  bus->Subscribe(flags.bus.channel_prefix + "_STATUS",
                  [&](const std::string&, absl::Span<const uint8_t> message) {
                    const absl::StatusOr<status_t> status = Decode<status_t>(message);
                    if (status.ok()) view.HandleStatus(*status);
@@ -84,34 +84,33 @@ absl::StatusOr<int> DrawLive(const WatchFlags& flags) {
 
 absl::StatusOr<int> Watch(const WatchFlags& flags) {
   if (isatty(STDOUT_FILENO) == 1 && !flags.json && !flags.once) return DrawLive(flags);
-  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
-  const std::string channel = flags.prefix + "_STATUS";
+  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.bus.lcm_url));
+  const std::string channel = flags.bus.channel_prefix + "_STATUS";
   int64_t seen = 0;
   bool is_written = true;
   bus->Subscribe(channel, [&](const std::string&, absl::Span<const uint8_t> message) {
     const absl::StatusOr<status_t> status = Decode<status_t>(message);
     if (!status.ok()) {
-      Say(stderr, "{}: {}", channel, ErrorText(status.status()));
+      PrintLine(stderr, "{}: {}", channel, ErrorText(status.status()));
       return;
     }
     ++seen;
     if (flags.json) {
-      PrintJson(ToJson(*status), -1);
+      PrintJson(StatusToJson(*status), -1);
     } else {
-      Say(stdout, "{}", StatusLine(*status));
+      PrintLine(stdout, "{}", StatusLine(*status));
     }
     is_written = std::fflush(stdout) == 0;
   });
-  const auto timeout = std::chrono::duration<double>(flags.timeout_s);
-  for (auto heard = Clock::now(); Clock::now() - heard < timeout;) {
-    if (bus->Handle(kWatchTick) == LcmBus::Handled::kMessage) heard = Clock::now();
-    if (const auto news = bus->DrainNews()) Say(stderr, "{}", *news);
-    if (!is_written) return kFailed;  // whom it wrote to went
+  for (auto received = Clock::now(); Clock::now() - received < flags.bus.Timeout();) {
+    if (bus->Handle(kWatchTick) == LcmBus::Handled::kMessage) received = Clock::now();
+    if (const auto news = bus->DrainNews()) PrintLine(stderr, "{}", *news);
+    if (!is_written) return kFailed;  // the reader is gone
     if (flags.once && seen > 0) return kSuccess;
   }
   if (!bus->Problem().empty()) return Unavailable("{}", bus->Problem());
-  return Unavailable("heard nothing on {} for {:g} s; does splinemapd run on this bus?", channel,
-                     flags.timeout_s);
+  return Unavailable("nothing was received on {} in {:g} s; is splinemapd on this bus?", channel,
+                     flags.bus.timeout_s);
 }
 
 constexpr const char* kWatchExamples = R"(
@@ -119,25 +118,23 @@ Examples:
   splinemap watch
   splinemap watch --json --once --lcm-url 'udpm://239.255.76.67:7667?ttl=0'
 
-In a terminal: daemons, the layers that are followed, and the map, until Ctrl-C. "state of" says how
-old what is shown may be at most; "tiles asked" are those that were lost on the way or that were there
-before. Elsewhere, and with --json or --once: what the daemons say of themselves, a line each a
-second; ends with status 1 when nothing was heard for --timeout.)";
+In a terminal it draws the daemons, the layers that it follows and the map, until Ctrl-C.
+"staleness" is the greatest age of the tiles shown; "requested" counts tiles that were lost on the
+way, or published before. Elsewhere, and with --json or --once, it prints one line a second for each
+daemon, and ends with status 1 when it receives nothing for --timeout.)";
 
 }  // namespace
 
 void AddWatch(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<WatchFlags>();
+  flags->bus.timeout_s = 5;
   CLI::App* command =
-      app.add_subcommand("watch", "Show how the daemons on a bus are doing, and their map");
+      app.add_subcommand("watch", "Show the state of the daemons on an LCM bus, and their map");
   command->footer(kWatchExamples);
-  command->add_option("--lcm-url", flags->lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
-      ->type_name("URL");
-  command->add_option("--prefix", flags->prefix, "channel_prefix of the daemons");
-  command->add_option("--timeout", flags->timeout_s, "s of silence until it ends (default 5)")
-      ->check(CLI::Range(0.1, 1e6));
-  command->add_flag("--json", flags->json, "One JSON object a line");
+  AddBusFlags(*command, flags->bus);
+  AddTimeoutFlag(*command, flags->bus);
   command->add_flag("--once", flags->once, "End after the first message");
+  AddJsonFlag(*command, flags->json);
   command->callback([flags, &chosen] { chosen = [flags] { return Watch(*flags); }; });
 }
 

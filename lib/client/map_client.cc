@@ -1,5 +1,3 @@
-#include "lib/client/map_client.h"
-
 #include <algorithm>
 #include <atomic>
 #include <future>
@@ -16,6 +14,7 @@
 #include "lib/client/pending_query.h"
 #include "lib/client/request_flow.h"
 #include "lib/wire/lcm_bus.h"
+#include "splinemap/client.h"
 
 namespace splinemap {
 namespace {

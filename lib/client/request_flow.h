@@ -15,8 +15,8 @@
 #include "lcmtypes/splinemap/reply_t.hpp"
 #include "lcmtypes/splinemap/request_t.hpp"
 #include "lib/base/clock.h"
-#include "lib/client/daemon_identity.h"
 #include "lib/rpc/messages.h"
+#include "splinemap/daemon_identity.h"
 
 namespace splinemap {
 

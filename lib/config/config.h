@@ -7,10 +7,10 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "lib/config/config.pb.h"
-#include "lib/map/map_view.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/sensing/scan_queue.h"
-#include "lib/sensing/sensor_options.h"
+#include "splinemap/map_view.h"
+#include "splinemap/sensor_options.h"
 
 namespace splinemap {
 

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "lib/tiles/tile.h"
+#include "splinemap/tile.h"
 
 namespace splinemap {
 namespace {

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lib/sensing/scan_queue.h"
-#include "lib/tiles/tile_tree.h"
+#include "splinemap/tile_tree.h"
 
 namespace splinemap {
 

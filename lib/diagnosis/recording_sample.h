@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "lib/sensing/pose_buffer.h"
-#include "lib/sensing/scan.h"
+#include "splinemap/scan.h"
 
 namespace splinemap {
 

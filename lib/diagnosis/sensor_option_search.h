@@ -7,7 +7,7 @@
 
 #include "lib/config/config.h"
 #include "lib/diagnosis/recording_sample.h"
-#include "lib/sensing/sensor_options.h"
+#include "splinemap/sensor_options.h"
 
 namespace splinemap {
 

@@ -10,11 +10,11 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
-#include "lib/base/utime.h"
 #include "lib/config/config.h"
 #include "lib/sensing/pose_buffer.h"
-#include "lib/sensing/scan.h"
 #include "lib/wire/message_type.h"
+#include "splinemap/scan.h"
+#include "splinemap/utime.h"
 
 namespace splinemap {
 

@@ -10,11 +10,11 @@
 #include "absl/types/span.h"
 #include "lib/distance/nearest_sites.h"
 #include "lib/distance/obstacle_squares.h"
-#include "lib/map/map_view.h"
-#include "lib/query/queries.h"
 #include "lib/query/surface_bounds.h"
-#include "lib/tiles/key_tree.h"
-#include "lib/tiles/region.h"
+#include "splinemap/key_tree.h"
+#include "splinemap/map_view.h"
+#include "splinemap/queries.h"
+#include "splinemap/region.h"
 
 namespace splinemap {
 

@@ -5,8 +5,8 @@
 
 #include "lib/query/bezier_net.h"
 #include "lib/query/cell_patch.h"
-#include "lib/query/queries.h"
 #include "lib/query/surface_bounds.h"
+#include "splinemap/queries.h"
 
 namespace splinemap {
 

@@ -2,8 +2,8 @@
 
 #include "absl/status/status.h"
 #include "lib/base/file.h"
-#include "lib/map/map_view.h"
 #include "lib/render/pixel_grid.h"
+#include "splinemap/map_view.h"
 
 namespace splinemap {
 

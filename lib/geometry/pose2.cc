@@ -1,4 +1,4 @@
-#include "lib/geometry/pose2.h"
+#include "splinemap/pose2.h"
 
 #include <cmath>
 #include <numbers>

@@ -1,4 +1,4 @@
-#include "lib/layers/layer.h"
+#include "splinemap/layer.h"
 
 #include <algorithm>
 #include <utility>

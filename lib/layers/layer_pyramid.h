@@ -5,9 +5,9 @@
 #include <cstdint>
 #include <vector>
 
-#include "lib/layers/layer.h"
-#include "lib/tiles/level_of_detail.h"
-#include "lib/tiles/tile_tree.h"
+#include "splinemap/layer.h"
+#include "splinemap/level_of_detail.h"
+#include "splinemap/tile_tree.h"
 
 namespace splinemap {
 

@@ -1,4 +1,4 @@
-#include "lib/layers/layer_settings.h"
+#include "splinemap/layer_settings.h"
 
 #include <xxhash.h>
 

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "lib/layers/layer_set.h"
+#include "splinemap/layer_set.h"
 
 namespace splinemap {
 

@@ -3,7 +3,7 @@
 #include <cstdint>
 
 #include "absl/status/status.h"
-#include "lib/layers/layer_set.h"
+#include "splinemap/layer_set.h"
 
 namespace splinemap {
 

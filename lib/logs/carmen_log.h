@@ -7,8 +7,8 @@
 
 #include "absl/functional/function_ref.h"
 #include "absl/status/statusor.h"
-#include "lib/base/utime.h"
-#include "lib/geometry/pose2.h"
+#include "splinemap/pose2.h"
+#include "splinemap/utime.h"
 
 namespace splinemap {
 

@@ -9,7 +9,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
-#include "lib/base/utime.h"
+#include "splinemap/utime.h"
 
 namespace splinemap {
 

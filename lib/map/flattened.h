@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lib/layers/layer_set.h"
+#include "splinemap/layer_set.h"
 
 namespace splinemap {
 

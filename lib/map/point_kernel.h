@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "lib/spline/surface.h"
-#include "lib/tiles/tile.h"
+#include "splinemap/surface.h"
+#include "splinemap/tile.h"
 
 namespace splinemap {
 

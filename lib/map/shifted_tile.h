@@ -2,9 +2,9 @@
 
 #include <vector>
 
-#include "lib/layers/layer_settings.h"
-#include "lib/tiles/tile.h"
-#include "lib/tiles/tile_tree.h"
+#include "splinemap/layer_settings.h"
+#include "splinemap/tile.h"
+#include "splinemap/tile_tree.h"
 
 namespace splinemap {
 

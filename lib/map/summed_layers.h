@@ -5,10 +5,10 @@
 #include <memory>
 #include <vector>
 
-#include "lib/layers/layer_set.h"
-#include "lib/map/map_view.h"
-#include "lib/tiles/tile.h"
-#include "lib/tiles/tile_tree.h"
+#include "splinemap/layer_set.h"
+#include "splinemap/map_view.h"
+#include "splinemap/tile.h"
+#include "splinemap/tile_tree.h"
 
 namespace splinemap {
 
@@ -47,8 +47,5 @@ class SummedLayers {
   std::vector<const Tile*> tiles_;             // of SumTile()
   std::vector<const Tile*> low_weight_tiles_;  // the same
 };
-
-// The sum of a set that does not change.
-std::shared_ptr<const MapView> ViewOf(const LayerSet& set);
 
 }  // namespace splinemap

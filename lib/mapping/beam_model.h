@@ -7,7 +7,7 @@
 #include "absl/types/span.h"
 #include "lib/mapping/free_line_table.h"
 #include "lib/mapping/scan_scratch.h"
-#include "lib/sensing/scan.h"
+#include "splinemap/scan.h"
 
 namespace splinemap {
 

@@ -6,7 +6,7 @@
 
 #include "lib/mapping/free_line_table.h"
 #include "lib/mapping/sum_plane.h"
-#include "lib/tiles/tile.h"
+#include "splinemap/tile.h"
 
 namespace splinemap {
 

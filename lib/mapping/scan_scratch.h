@@ -4,11 +4,11 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "lib/layers/layer.h"
 #include "lib/mapping/scan_kernel.h"
 #include "lib/mapping/sum_plane.h"
-#include "lib/sensing/scan.h"
-#include "lib/tiles/tile.h"
+#include "splinemap/layer.h"
+#include "splinemap/scan.h"
+#include "splinemap/tile.h"
 
 namespace splinemap {
 

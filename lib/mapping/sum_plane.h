@@ -5,7 +5,7 @@
 #include <memory>
 #include <vector>
 
-#include "lib/tiles/tile.h"
+#include "splinemap/tile.h"
 
 namespace splinemap {
 

@@ -10,14 +10,14 @@
 #include "absl/types/span.h"
 #include "lib/config/config.h"
 #include "lib/diagnosis/sensor_option_search.h"
-#include "lib/layers/layer.h"
-#include "lib/map/map_view.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
 #include "lib/pipeline/notice.h"
 #include "lib/sensing/drop_counts.h"
 #include "lib/sensing/scan_queue.h"
 #include "lib/wire/message_type.h"
+#include "splinemap/layer.h"
+#include "splinemap/map_view.h"
 
 namespace splinemap {
 

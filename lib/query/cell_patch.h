@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "lib/query/surface_bounds.h"
-#include "lib/tiles/tile_tree.h"
+#include "splinemap/tile_tree.h"
 
 namespace splinemap {
 

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "lib/query/obstacle_search.h"
-#include "lib/query/queries.h"
+#include "splinemap/queries.h"
 
 namespace splinemap {
 

@@ -1,13 +1,15 @@
-#include "lib/query/local_map.h"
+#include "splinemap/local_map.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 
+#include "lib/base/mutex.h"
 #include "lib/base/status.h"
 #include "lib/query/footprint.h"
 #include "lib/query/obstacle_search.h"
 #include "lib/query/ray_caster.h"
+#include "lib/query/surface_bounds.h"
 
 namespace splinemap {
 namespace {
@@ -20,43 +22,78 @@ double LogProbability(double log_odds) {
 
 }  // namespace
 
-void LocalMap::Use(std::shared_ptr<const MapView> map) {
-  MutexLock lock(mutex_);
-  map_ = std::move(map);
-}
+class LocalMap::Impl {
+ public:
+  explicit Impl(std::shared_ptr<const MapView> map) : map_(std::move(map)) {}
 
-std::shared_ptr<const MapView> LocalMap::View() const {
-  MutexLock lock(mutex_);
-  return map_;
-}
+  void Use(std::shared_ptr<const MapView> map) {
+    MutexLock lock(mutex_);
+    map_ = std::move(map);
+  }
+  std::shared_ptr<const MapView> View() const {
+    MutexLock lock(mutex_);
+    return map_;
+  }
+  // Gives `other`, which has the same map, the bounds that were made for it.
+  void ShareBounds(Impl& other) const {
+    MutexLock lock(bounds_mutex_);
+    MutexLock other_lock(other.bounds_mutex_);
+    if (bounded_.map == other.View()) other.bounded_ = bounded_;
+  }
+
+  absl::StatusOr<PointsQuery::Answer> Answer(const PointsQuery& query) const;
+  absl::StatusOr<RaysQuery::Answer> Answer(const RaysQuery& query) const;
+  absl::StatusOr<SweepsQuery::Answer> Answer(const SweepsQuery& query) const;
+  absl::StatusOr<RasterQuery::Answer> Answer(const RasterQuery& query) const;
+  absl::StatusOr<LikelihoodsQuery::Answer> Answer(const LikelihoodsQuery& query) const;
+  absl::StatusOr<DistancesQuery::Answer> Answer(const DistancesQuery& query) const;
+
+ private:
+  struct BoundedMap {
+    std::shared_ptr<const MapView> map;
+    SurfaceBounds bounds;
+  };
+  BoundedMap Bounded() const {
+    MutexLock lock(bounds_mutex_);
+    if (auto map = View(); bounded_.map != map) {
+      bounded_.bounds = bounds_.Update(*map);
+      bounded_.map = std::move(map);
+    }
+    return bounded_;
+  }
+
+  mutable Mutex mutex_;
+  std::shared_ptr<const MapView> map_ ABSL_GUARDED_BY(mutex_);
+  // One of its own, so that neither Use() nor other queries wait while bounds are made.
+  mutable Mutex bounds_mutex_;
+  mutable SurfaceBoundsEditor bounds_ ABSL_GUARDED_BY(bounds_mutex_);
+  mutable BoundedMap bounded_ ABSL_GUARDED_BY(bounds_mutex_);  // of the last call of Bounded()
+};
+
+LocalMap::LocalMap(std::shared_ptr<const MapView> map)
+    : impl_(std::make_unique<Impl>(std::move(map))) {}
+LocalMap::~LocalMap() = default;
+
+void LocalMap::Use(std::shared_ptr<const MapView> map) { impl_->Use(std::move(map)); }
+
+std::shared_ptr<const MapView> LocalMap::View() const { return impl_->View(); }
 
 std::shared_ptr<const LocalMap> LocalMap::Keep() const {
   auto kept = std::make_shared<LocalMap>(View());
-  MutexLock lock(bounds_mutex_);
-  MutexLock kept_lock(kept->bounds_mutex_);
-  if (bounded_.map == kept->View()) kept->bounded_ = bounded_;
+  impl_->ShareBounds(*kept->impl_);
   return kept;
-}
-
-LocalMap::BoundedMap LocalMap::Bounded() const {
-  MutexLock lock(bounds_mutex_);
-  if (auto map = View(); bounded_.map != map) {
-    bounded_.bounds = bounds_.Update(*map);
-    bounded_.map = std::move(map);
-  }
-  return bounded_;
 }
 
 absl::StatusOr<AnyAnswer> LocalMap::AskAny(const AnyQuery& query) const {
   return std::visit(
       [this](const auto* q) -> absl::StatusOr<AnyAnswer> {
         SPLINEMAP_RETURN_IF_ERROR(Check(*q));
-        return Answer(*q);
+        return impl_->Answer(*q);
       },
       query);
 }
 
-absl::StatusOr<PointsQuery::Answer> LocalMap::Answer(const PointsQuery& query) const {
+absl::StatusOr<PointsQuery::Answer> LocalMap::Impl::Answer(const PointsQuery& query) const {
   const auto map = View();
   PointsQuery::Answer answer;
   answer.revision = map->revision;
@@ -70,7 +107,7 @@ absl::StatusOr<PointsQuery::Answer> LocalMap::Answer(const PointsQuery& query) c
   return answer;
 }
 
-absl::StatusOr<RaysQuery::Answer> LocalMap::Answer(const RaysQuery& query) const {
+absl::StatusOr<RaysQuery::Answer> LocalMap::Impl::Answer(const RaysQuery& query) const {
   const BoundedMap bounded = Bounded();
   RaysQuery::Answer answer;
   answer.revision = bounded.map->revision;
@@ -80,7 +117,7 @@ absl::StatusOr<RaysQuery::Answer> LocalMap::Answer(const RaysQuery& query) const
   return answer;
 }
 
-absl::StatusOr<SweepsQuery::Answer> LocalMap::Answer(const SweepsQuery& query) const {
+absl::StatusOr<SweepsQuery::Answer> LocalMap::Impl::Answer(const SweepsQuery& query) const {
   const BoundedMap bounded = Bounded();
   SweepsQuery::Answer answer;
   answer.revision = bounded.map->revision;
@@ -92,7 +129,7 @@ absl::StatusOr<SweepsQuery::Answer> LocalMap::Answer(const SweepsQuery& query) c
   return answer;
 }
 
-absl::StatusOr<RasterQuery::Answer> LocalMap::Answer(const RasterQuery& query) const {
+absl::StatusOr<RasterQuery::Answer> LocalMap::Impl::Answer(const RasterQuery& query) const {
   const auto map = View();
   RasterQuery::Answer answer;
   answer.revision = map->revision;
@@ -109,7 +146,8 @@ absl::StatusOr<RasterQuery::Answer> LocalMap::Answer(const RasterQuery& query) c
   return answer;
 }
 
-absl::StatusOr<LikelihoodsQuery::Answer> LocalMap::Answer(const LikelihoodsQuery& query) const {
+absl::StatusOr<LikelihoodsQuery::Answer> LocalMap::Impl::Answer(
+    const LikelihoodsQuery& query) const {
   const auto map = View();
   LikelihoodsQuery::Answer answer;
   answer.revision = map->revision;
@@ -126,7 +164,7 @@ absl::StatusOr<LikelihoodsQuery::Answer> LocalMap::Answer(const LikelihoodsQuery
   return answer;
 }
 
-absl::StatusOr<DistancesQuery::Answer> LocalMap::Answer(const DistancesQuery& query) const {
+absl::StatusOr<DistancesQuery::Answer> LocalMap::Impl::Answer(const DistancesQuery& query) const {
   const BoundedMap bounded = Bounded();
   DistancesQuery::Answer answer;
   answer.revision = bounded.map->revision;

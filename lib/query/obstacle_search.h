@@ -8,11 +8,11 @@
 #include <limits>
 #include <vector>
 
-#include "lib/map/map_view.h"
 #include "lib/query/bezier_net.h"
 #include "lib/query/cell_patch.h"
-#include "lib/query/queries.h"
 #include "lib/query/surface_bounds.h"
+#include "splinemap/map_view.h"
+#include "splinemap/queries.h"
 
 namespace splinemap {
 

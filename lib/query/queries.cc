@@ -1,11 +1,11 @@
-#include "lib/query/queries.h"
+#include "splinemap/queries.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "lib/base/status.h"
-#include "lib/tiles/tile.h"
+#include "splinemap/tile.h"
 
 namespace splinemap {
 namespace {

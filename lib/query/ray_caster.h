@@ -2,10 +2,10 @@
 
 #include <optional>
 
-#include "lib/map/map_view.h"
 #include "lib/query/cell_patch.h"
-#include "lib/query/queries.h"
 #include "lib/query/surface_bounds.h"
+#include "splinemap/map_view.h"
+#include "splinemap/queries.h"
 
 namespace splinemap {
 

@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <limits>
 
-#include "lib/map/map_view.h"
-#include "lib/tiles/key_tree.h"
-#include "lib/tiles/region.h"
+#include "splinemap/key_tree.h"
+#include "splinemap/map_view.h"
+#include "splinemap/region.h"
 
 namespace splinemap {
 

@@ -3,8 +3,8 @@
 #include <optional>
 
 #include "absl/status/statusor.h"
-#include "lib/map/map_view.h"
-#include "lib/tiles/region.h"
+#include "splinemap/map_view.h"
+#include "splinemap/region.h"
 
 namespace splinemap {
 

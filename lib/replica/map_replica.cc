@@ -1,5 +1,3 @@
-#include "lib/replica/map_replica.h"
-
 #include <thread>
 #include <utility>
 
@@ -7,9 +5,10 @@
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/map/map_changes.h"
-#include "lib/query/local_map.h"
 #include "lib/replication/map_follower.h"
 #include "lib/wire/lcm_bus.h"
+#include "splinemap/local_map.h"
+#include "splinemap/replica.h"
 
 namespace splinemap {
 

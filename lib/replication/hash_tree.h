@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "absl/container/flat_hash_map.h"
-#include "lib/tiles/tile.h"
+#include "splinemap/tile.h"
 
 namespace splinemap {
 

@@ -13,14 +13,14 @@
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lcmtypes/splinemap/node_listing_t.hpp"
 #include "lcmtypes/splinemap/tile_update_t.hpp"
-#include "lib/layers/layer.h"
-#include "lib/replication/follow_options.h"
 #include "lib/replication/hash_tree.h"
 #include "lib/replication/protocol.h"
 #include "lib/replication/random_backoff.h"
-#include "lib/tiles/level_of_detail.h"
-#include "lib/tiles/region.h"
 #include "lib/tiles/tile_codec.h"
+#include "splinemap/follow_options.h"
+#include "splinemap/layer.h"
+#include "splinemap/level_of_detail.h"
+#include "splinemap/region.h"
 
 namespace splinemap {
 

@@ -11,13 +11,13 @@
 #include "absl/container/flat_hash_set.h"
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
-#include "lib/map/map_view.h"
 #include "lib/replication/byte_budget.h"
 #include "lib/replication/fifo_set.h"
 #include "lib/replication/hash_tree.h"
 #include "lib/replication/protocol.h"
 #include "lib/replication/replication_message.h"
 #include "lib/tiles/tile_codec.h"
+#include "splinemap/map_view.h"
 
 namespace splinemap {
 

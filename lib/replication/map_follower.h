@@ -15,13 +15,13 @@
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lib/map/summed_layers.h"
-#include "lib/replication/follow_options.h"
 #include "lib/replication/layer_follower.h"
 #include "lib/replication/proxy_publisher.h"
 #include "lib/replication/replication_message.h"
 #include "lib/replication/settings_gossip.h"
-#include "lib/tiles/level_of_detail.h"
-#include "lib/tiles/region.h"
+#include "splinemap/follow_options.h"
+#include "splinemap/level_of_detail.h"
+#include "splinemap/region.h"
 
 namespace splinemap {
 

@@ -5,8 +5,8 @@
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_ref_t.hpp"
 #include "lib/base/clock.h"
-#include "lib/layers/layer.h"
-#include "lib/tiles/level_of_detail.h"
+#include "splinemap/layer.h"
+#include "splinemap/level_of_detail.h"
 
 namespace splinemap {
 

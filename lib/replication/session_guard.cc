@@ -1,6 +1,6 @@
 #include "lib/replication/session_guard.h"
 
-#include "lib/layers/layer_settings.h"
+#include "splinemap/layer_settings.h"
 
 namespace splinemap {
 namespace {

@@ -5,10 +5,11 @@
 #include <vector>
 
 #include "absl/functional/function_ref.h"
+#include "lcmtypes/splinemap/layer_settings_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
-#include "lib/layers/layer_settings.h"
 #include "lib/replication/protocol.h"
 #include "lib/replication/random_backoff.h"
+#include "splinemap/layer_settings.h"
 
 namespace splinemap {
 

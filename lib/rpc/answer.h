@@ -6,9 +6,9 @@
 
 #include "absl/types/span.h"
 #include "lcmtypes/splinemap/reply_t.hpp"
-#include "lib/query/queryable_map.h"
 #include "lib/rpc/messages.h"
 #include "lib/wire/decode.h"
+#include "splinemap/queryable_map.h"
 
 namespace splinemap {
 

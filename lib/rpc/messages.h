@@ -21,7 +21,7 @@
 #include "lcmtypes/splinemap/reply_t.hpp"
 #include "lcmtypes/splinemap/sweeps_reply_t.hpp"
 #include "lcmtypes/splinemap/sweeps_request_t.hpp"
-#include "lib/query/queries.h"
+#include "splinemap/queries.h"
 
 // Queries and their answers as messages; lcmtypes/ASKING.md describes how a map is asked.
 

@@ -4,8 +4,8 @@
 #include <deque>
 #include <optional>
 
-#include "lib/base/utime.h"
-#include "lib/geometry/pose2.h"
+#include "splinemap/pose2.h"
+#include "splinemap/utime.h"
 
 namespace splinemap {
 

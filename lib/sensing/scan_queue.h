@@ -9,7 +9,7 @@
 
 #include "lib/sensing/drop_counts.h"
 #include "lib/sensing/pose_buffer.h"
-#include "lib/sensing/scan.h"
+#include "splinemap/scan.h"
 
 namespace splinemap {
 

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "lib/geometry/pose2.h"
 #include "lib/simulation/world.pb.h"
+#include "splinemap/pose2.h"
 
 namespace splinemap {
 

@@ -3,7 +3,7 @@
 #include <cstdint>
 
 #include "lib/base/lanes.h"
-#include "lib/spline/surface.h"
+#include "splinemap/surface.h"
 
 // EvaluatePatch() for functions that are compiled for several kinds of instructions, which have to
 // inline it: for one point, and for four of them. Without fused multiplications, and with sums in

@@ -1,4 +1,4 @@
-#include "lib/spline/surface.h"
+#include "splinemap/surface.h"
 
 #include <cmath>
 #include <cstring>

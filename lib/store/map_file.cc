@@ -1,5 +1,3 @@
-#include "lib/store/map_file.h"
-
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <fcntl.h>
 #include <sqlite3.h>
@@ -17,6 +15,8 @@
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/layers/validity.h"
+#include "lib/store/map_records.h"
+#include "splinemap/file.h"
 
 namespace splinemap {
 namespace {

@@ -8,7 +8,8 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
-#include "lib/layers/layer_set.h"
+#include "splinemap/file.h"
+#include "splinemap/layer_set.h"
 
 namespace SQLite {
 class Database;
@@ -18,13 +19,6 @@ namespace splinemap {
 
 // A map as rows of a database (README.md here shows them). Functions throw SQLite::Exception where
 // SQLite fails; `path` is what errors call the database.
-
-struct LoadedMap {
-  LayerSet set;
-  // What was damaged and left out, a line each.
-  std::vector<std::string> corruption;
-  std::string kept_copy;  // of the damaged file, where MapFile::Load() made one
-};
 
 // A layer that the rows hold already, up to this state of its tiles.
 struct SavedLayer {

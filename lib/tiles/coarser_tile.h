@@ -1,8 +1,8 @@
 #pragma once
 
-#include "lib/tiles/level_of_detail.h"
-#include "lib/tiles/tile.h"
-#include "lib/tiles/tile_tree.h"
+#include "splinemap/level_of_detail.h"
+#include "splinemap/tile.h"
+#include "splinemap/tile_tree.h"
 
 namespace splinemap {
 

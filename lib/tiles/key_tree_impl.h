@@ -7,7 +7,7 @@
 #include <atomic>
 #include <bitset>
 
-#include "lib/tiles/key_tree.h"
+#include "splinemap/key_tree.h"
 
 namespace splinemap {
 namespace key_tree {

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "lib/tiles/tile.h"
+#include "splinemap/tile.h"
 
 namespace splinemap {
 

@@ -1,4 +1,4 @@
-#include "lib/tiles/tile.h"
+#include "splinemap/tile.h"
 
 #include <algorithm>
 

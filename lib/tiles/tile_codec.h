@@ -4,7 +4,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
-#include "lib/tiles/tile.h"
+#include "splinemap/tile.h"
 
 namespace splinemap {
 

@@ -27,7 +27,7 @@
 #include "lcmtypes/splinemap/sweeps_request_t.hpp"
 #include "lib/base/status.h"
 #include "lib/layers/validity.h"
-#include "lib/tiles/level_of_detail.h"
+#include "splinemap/level_of_detail.h"
 
 namespace splinemap {
 namespace {

@@ -5,8 +5,8 @@
 
 #include "lcmtypes/bot_core/planar_lidar_t.hpp"
 #include "lcmtypes/bot_core/pose_t.hpp"
-#include "lib/base/utime.h"
 #include "lib/sensing/pose_buffer.h"
+#include "splinemap/utime.h"
 
 namespace splinemap {
 

@@ -253,11 +253,12 @@ LcmBus::Handled LcmBus::Handle(milliseconds timeout) {
     if (descriptors[1].revents != 0) {
       if (lcm_handle(receiver_.get()) >= 0) return Handled::kMessage;
       SetProblem(receive_problem_, Broke());
-      if (!address_.is_network()) {  // a log at its end
+      if (address_.is_network()) {
+        receiver_.reset();
+      } else {  // a log at its end
         std::this_thread::sleep_for(wait);
-        return Handled::kBroken;
       }
-      receiver_.reset();
+      return Handled::kBroken;
     }
     eventfd_t wakes = 0;
     const bool is_woken = eventfd_read(wake_, &wakes) == 0;

@@ -53,8 +53,9 @@ class LcmBus {
   void Wake();
 
   enum class Handled { kMessage, kNothing, kBroken };
-  // Waits for a message and hands it to its handler. kNothing after `timeout` without one; kBroken,
-  // also after `timeout`, where the bus does not work. Looking for a server takes a second more.
+  // Waits for a message and hands it to its handler. kNothing after `timeout` without one; kBroken
+  // when the bus breaks off, and after `timeout` while it does not work. Looking for a server takes
+  // a second more.
   Handled Handle(std::chrono::milliseconds timeout);
 
   template <typename Message>

@@ -7,7 +7,7 @@
 #include "absl/status/status.h"
 #include "absl/types/span.h"
 #include "lcmtypes/message_table.h"
-#include "lib/base/utime.h"
+#include "splinemap/utime.h"
 
 namespace splinemap {
 

@@ -5,8 +5,8 @@
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "lib/sensing/pose_buffer.h"
-#include "lib/sensing/scan.h"
-#include "lib/sensing/sensor_options.h"
+#include "splinemap/scan.h"
+#include "splinemap/sensor_options.h"
 
 namespace splinemap {
 

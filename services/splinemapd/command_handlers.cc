@@ -8,8 +8,8 @@
 #include "lcmtypes/splinemap/command_request_t.hpp"
 #include "lcmtypes/splinemap/layer_command_request_t.hpp"
 #include "lib/base/status.h"
-#include "lib/rpc/layer_command.h"
 #include "lib/wire/decode.h"
+#include "splinemap/layer_command.h"
 
 namespace splinemap {
 namespace {

@@ -5,6 +5,7 @@
 #include <future>
 #include <utility>
 
+#include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/status.h"
 #include "services/splinemapd/command_handlers.h"
 #include "services/splinemapd/map_saver.h"

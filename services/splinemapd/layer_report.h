@@ -4,10 +4,10 @@
 #include <vector>
 
 #include "lcmtypes/splinemap/layer_status_t.hpp"
-#include "lib/layers/layer_set.h"
 #include "lib/replication/hash_tree.h"
 #include "lib/replication/map_follower.h"
-#include "lib/tiles/region.h"
+#include "splinemap/layer_set.h"
+#include "splinemap/region.h"
 
 namespace splinemap {
 

@@ -9,10 +9,10 @@
 
 #include "absl/status/status.h"
 #include "lib/base/mutex.h"
-#include "lib/store/map_file.h"
 #include "services/splinemapd/mailbox.h"
 #include "services/splinemapd/newest_map.h"
 #include "services/splinemapd/notice_log.h"
+#include "splinemap/file.h"
 
 namespace splinemap {
 

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "lcmtypes/splinemap/command_reply_t.hpp"
+#include "lcmtypes/splinemap/request_t.hpp"
 #include "lib/base/status.h"
 #include "lib/rpc/answer.h"
 #include "lib/rpc/messages.h"

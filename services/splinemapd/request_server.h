@@ -12,11 +12,12 @@
 #include "absl/status/status.h"
 #include "absl/types/span.h"
 #include "lcmtypes/splinemap/reply_t.hpp"
+#include "lcmtypes/splinemap/request_t.hpp"
 #include "lib/base/clock.h"
 #include "lib/base/mutex.h"
-#include "lib/query/local_map.h"
 #include "services/splinemapd/newest_map.h"
 #include "services/splinemapd/request_queue.h"
+#include "splinemap/local_map.h"
 
 namespace splinemap {
 

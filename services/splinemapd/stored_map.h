@@ -2,9 +2,9 @@
 
 #include "absl/status/statusor.h"
 #include "lib/config/config.h"
-#include "lib/layers/layer_set.h"
-#include "lib/store/map_file.h"
 #include "services/splinemapd/notice_log.h"
+#include "splinemap/file.h"
+#include "splinemap/layer_set.h"
 
 namespace splinemap {
 

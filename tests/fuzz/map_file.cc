@@ -1,12 +1,11 @@
 // A whole map file: a SQLite database of any bytes, looked at and continued.
 
-#include "lib/store/map_file.h"
-
 #include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
 
+#include "splinemap/file.h"
 #include "tests/fuzz/fuzz.h"
 
 namespace splinemap::fuzz_map_file {

@@ -5,7 +5,7 @@
 
 #include "absl/functional/function_ref.h"
 #include "absl/types/span.h"
-#include "lib/base/utime.h"
+#include "splinemap/utime.h"
 #include "tests/fuzz/fuzz.h"
 
 namespace splinemap {

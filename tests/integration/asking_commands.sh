@@ -1,19 +1,21 @@
 #!/usr/bin/env bash
-# The commands that ask say the same of a daemon, on a bus of its own, as of its map file.
+# The commands that take MAP or --live print the same of a daemon, on a bus of its own, as of its map file.
 if [[ -z ${LCM_DEFAULT_URL:-} || ${2:-} != inside ]]; then
   exec "$1/deploy/own_bus.sh" "$0" "$1" inside
 fi
 # shellcheck source=tests/integration/support.sh
 source "$1/tests/integration/support.sh" "$1"
 
-# Nobody is there: within the deadline that is said.
-for command in "query 0 0" "ray 0 0 0" "check 0 0 --radius 0.1" "distance 0 0" \
-  "raster none.png --region -1,-1,1,1"; do
+# Without a daemon each fails within its timeout. All take the same flags.
+for command in "query 0 0" "ray 0 0 0" "check 0 0 --radius 0.1" "distance 0 0" "layers" \
+  "raster none.png --region -1,-1,1,1" "render none.png" "export none --format png" \
+  "layer mute robot"; do
   read -ra words <<< "$command"
-  expect 1 timeout 10 splinemap "${words[@]}" --live --timeout 0.3
+  expect 1 timeout 10 splinemap "${words[@]}" --live --timeout 0.3 --lcm-url "$LCM_DEFAULT_URL" \
+    --prefix SPLINEMAP --robot robot
   [[ -s err && ! -s out ]] || fail "$command: $(cat out err)"
+  expect_text "SPLINEMAP" err
 done
-expect_text "SPLINEMAP" err
 [[ ! -e none.png ]] || fail "a picture of nothing"
 
 cat > room.world << 'END'
@@ -24,7 +26,7 @@ wall { x0_m: -2 y0_m: 2 x1_m: -2 y1_m: -2 }
 waypoint { x_m: -1 } waypoint { x_m: 1 } waypoint { x_m: 1 y_m: 1 }
 END
 expect 0 splinemap simulate room.world room.lcmlog
-expect 0 splinemap build room.lcmlog --out room.splinemap --name robot
+expect 0 splinemap build room.lcmlog room.splinemap --name robot
 splinemapd --map room.splinemap --name robot --scan LASER --pose POSE 2> daemon.log &
 daemon=$!
 await splinemap query --live 0 0
@@ -54,7 +56,7 @@ same 0 ray 0 0 45 --max-range 0.5
 [[ $(tail -n 1 out) == free,0.500000 ]] || fail "not free: $(cat out)"
 same 0 ray 10 10 0
 [[ $(tail -n 1 out) == unknown,0.000000 ]] || fail "not unknown: $(cat out)"
-same 0 ray 10 10 0 --unknown passes
+same 0 ray 10 10 0 --unknown free
 [[ $(tail -n 1 out) == free,30.000000 ]] || fail "not passed: $(cat out)"
 same 0 ray 0 0 0 --occupied -0.5
 same 0 check -1 -1 1 -1 1 1 --radius 0.2
@@ -62,7 +64,7 @@ same 0 check -1 -1 1 -1 1 1 --radius 0.2
 same 1 check -1 -1 3 -1 --radius 0.2
 [[ $(tail -n 1 out) == occupied,* ]] || fail "through the wall: $(cat out)"
 same 1 check 20 20 --radius 0.2
-same 0 check 20 20 --radius 0.2 --unknown passes
+same 0 check 20 20 --radius 0.2 --unknown free
 same 0 distance -1 -1.5
 awk -F, 'NR == 2 && $1 > 0.3 && $1 < 0.6 && $3 > 0.9 { found = 1 } END { exit !found }' out ||
   fail "the wall is half a metre below: $(cat out)"
@@ -85,6 +87,44 @@ same 2 ray --rays broken.csv
 (($(wc -l < out) == 4)) || fail "lines: $(cat out)"
 expect_text "broken.csv:2: not x_m,y_m,bearing_deg: x" err
 same 2 distance --points broken.csv
+
+# JSON has the same names and numbers; a header is no row.
+same 0 query -1.0 -1.5 --json
+[[ $(jq -c '[.x_m, .y_m, .known, keys[0]]' out) == '[-1,-1.5,1,"dx_per_m"]' ]] || fail "JSON: $(cat out)"
+same 0 ray -0.5 -0.25 -90 --json
+[[ $(jq '.occupancy == "occupied" and .range_m > 1.6' out) == true ]] || fail "JSON: $(cat out)"
+same 0 distance 0 0 --max-distance 0.1 --json
+[[ $(jq .distance_m out) == 0.1 ]] || fail "JSON: $(cat out)"
+same 1 check -1 -1 3 -1 --radius 0.2 --json
+[[ $(jq -r .occupancy out) == occupied ]] || fail "JSON: $(cat out)"
+same 2 ray --rays broken.csv --json
+[[ $(jq -c '[.occupancy, .range_m]' out | sed -n 2p) == '["unknown",null]' ]] || fail "JSON: $(cat out)"
+same 0 distance --points few.csv --json
+(($(wc -l < out) == 499)) || fail "one object per row: $(wc -l < out)"
+
+# Pictures of the followed map.
+for live in "saved.splinemap" "--live --robot r*t"; do
+  read -ra words <<< "$live"
+  expect 0 splinemap render "${words[@]}" "render_${#words[@]}.png" --px-per-knot 3
+  expect 0 splinemap export "${words[@]}" "export_${#words[@]}" --format ros
+done
+cmp render_1.png render_3.png || fail "render --live differs"
+cmp export_1.pgm export_3.pgm || fail "export --live differs"
+expect 0 splinemap render --live
+expect_text "####" out
+
+# The layers of the daemon, and a setting of one.
+expect 0 splinemap layers saved.splinemap --json
+[[ $(jq '.[0].hash' out) == "$(splinemap layers --live --robot robot --json |
+  jq '.[0].layers[0].hash')" ]] || fail "layers --live differs: $(cat out)"
+expect 0 splinemap layer mute --live robot
+expect_text "mute robot@" err
+expect_text "saved by the daemon of robot" err
+[[ $(splinemap layers --live --json | jq '.[0].layers[0].muted') == true ]] || fail "not muted"
+expect 0 splinemap query --live -1.0 -1.5 --json
+[[ $(jq .known out) == 0 ]] || fail "muted, and yet: $(cat out)"
+expect 0 splinemap layer unmute --live robot
+same 0 query -1.0 -1.5
 
 # Rasters
 for out in part.png part.csv; do
@@ -109,13 +149,18 @@ refused() {
   expect_text "$text" err
 }
 for command in query ray distance; do
-  refused "name a map file" $command
+  refused "give a map file, or --live in its place" $command
   refused "give either x_m,y_m" $command saved.splinemap 1
   refused "give either x_m,y_m" $command --live
-  refused "saved.splinemap is no number; with --live" $command saved.splinemap 1 2 3 --live
+  refused "saved.splinemap is not a number; --live takes the place" $command saved.splinemap 1 2 3 --live
   refused "requires --live" $command saved.splinemap 1 2 --robot robot
 done
 refused "give either" query saved.splinemap 1 2 --points few.csv
+refused "render_1.png exists; --force replaces it" render --live render_1.png
+refused "export_1.pgm exists; --force replaces it" export --live export_1 --format ros
+refused "excludes" layer mute --live robot --out x.splinemap
+refused "the bus has no layer rbot (did you mean robot?)" layer mute --live rbot
+refused "give the layer to change" layer mute --live
 refused "ray 0 is from" ray --live 0 nan 0
 refused "ray 0 is from" ray saved.splinemap 0 0 0 --max-range -1
 refused "--unknown" ray saved.splinemap 0 0 0 --unknown maybe
@@ -123,11 +168,12 @@ refused "max_distance_m is 1000" distance --live 0 0 --max-distance 1000
 refused "--radius is required" check saved.splinemap 0 0
 refused "there are 3 numbers" check saved.splinemap 0 0 1 --radius 0.1
 refused "radius_m of sweep 0 is -1" check --live 0 0 --radius -1
-refused "ends in .png or .csv" raster --live part.gif --region 0,0,1,1
+refused "does not end in .png or .csv" raster --live part.gif --region 0,0,1,1
 refused "--region is required" raster --live new.png
-refused "x0,y0,x1,y1" raster --live new.png --region 0,0,1
+refused "X0,Y0,X1,Y1" raster --live new.png --region 0,0,1
 refused "too large" raster --live new.png --region=-9999,-9999,9999,9999
-refused "give one file to write" raster saved.splinemap --region 0,0,1,1
+refused "give one output after the map file" raster saved.splinemap --region 0,0,1,1
+refused "give one output after --live" raster --live saved.splinemap new.png --region 0,0,1,1
 expect 1 splinemap ray none.splinemap 0 0 0
 expect_text "there is no file none.splinemap" err
 expect 1 splinemap query --live 0 0 --robot nobody --timeout 0.5

@@ -83,7 +83,7 @@ await "${compare[@]}"
 expect 1 timeout 20 splinemap bridge occupancy-grid --channel FINE --resolution 0.004
 expect_text "--region, or with --resolution greater than 0.004 m" err
 kill -0 "$whole" || fail "the bridge ended: $(cat whole.log)"
-grep -q "loses some of this size" whole.log || fail "silent about the size: $(cat whole.log)"
+grep -q "loses some messages of" whole.log || fail "silent about the size: $(cat whole.log)"
 [[ $(grep -c "loses some" whole.log) == 1 ]] || fail "said again: $(cat whole.log)"
 ! grep -q "loses some" part.log coarse.log || fail "said of small messages"
 kill -INT "$logger"

@@ -21,7 +21,7 @@ end_server() {
 }
 # said N TEXT: the daemon's log has the text that often.
 said() { (($(grep -cF -- "$2" daemon.log) == $1)); }
-mapped() { jq '.layers[0].scans' <(splinemap info live.splinemap --json); }
+mapped() { jq '.layers[0].commits' <(splinemap info live.splinemap --json); }
 end_daemon() {
   kill "$daemon"
   wait "$daemon" || fail "the daemon: $(cat daemon.log)"

@@ -19,29 +19,29 @@ cmp room.lcmlog again.lcmlog || fail "the same world and seed make the same log"
 expect 2 splinemap simulate room.world again.lcmlog
 expect_text "--force" err
 expect 0 splinemap simulate room.world again.lcmlog --force
-expect 2 splinemap build room.lcmlog --out /dev/null --force
-expect 2 splinemap build room.lcmlog --out no/such/folder
+expect 2 splinemap build room.lcmlog /dev/null --force
+expect 2 splinemap build room.lcmlog no/such/folder
 expect 1 splinemap doctor room.lcmlog --pose NOPE
 expect_text "there are: POSE" err
 expect 0 splinemap doctor room.lcmlog
 expect_text "map it with: --scan LASER --pose POSE" out
-expect 0 splinemap build room.lcmlog --out room.splinemap --name robot
+expect 0 splinemap build room.lcmlog room.splinemap --name robot
 [[ ! -s out ]] || fail "build wrote to stdout"
 expect_text "mapped" err
-expect 2 splinemap build room.lcmlog --out room.splinemap
+expect 2 splinemap build room.lcmlog room.splinemap
 expect_text "--force" err
-expect 0 splinemap build --scan LASER room.lcmlog --pose POSE --out room.splinemap --name robot --force
+expect 0 splinemap build --scan LASER room.lcmlog --pose POSE room.splinemap --name robot --force
 # What another build of the same map has in the making is left alone.
 echo another > twin.splinemap.part
 mkdir twin.splinemap.part-wal
-expect 0 splinemap build room.lcmlog --out twin.splinemap
+expect 0 splinemap build room.lcmlog twin.splinemap
 [[ $(echo twin.*) == "twin.splinemap twin.splinemap.part twin.splinemap.part-wal" &&
   $(< twin.splinemap.part) == another ]] || fail "files beside a build: $(echo twin.*)"
 rm -r twin.*
-expect 2 splinemap build room.lcmlog --out x.splinemap --name 'no/name'
-expect 2 splinemap build room.lcmlog --out x.splinemap --scan LASER:nonsense
+expect 2 splinemap build room.lcmlog x.splinemap --name 'no/name'
+expect 2 splinemap build room.lcmlog x.splinemap --scan LASER:nonsense
 expect_text "michigan_2014" err
-expect 1 splinemap build room.lcmlog --out x.splinemap --scan NOWHERE --pose POSE
+expect 1 splinemap build room.lcmlog x.splinemap --scan NOWHERE --pose POSE
 expect_text "no scan of room.lcmlog was mapped" err
 [[ ! -e x.splinemap ]] || fail "a build without scans left a map"
 
@@ -72,7 +72,7 @@ expect 2 splinemap render room.splinemap room.splinemap
 expect 0 splinemap render room.splinemap
 expect_text "####" out
 expect 2 splinemap render room.splinemap /dev/null
-expect 1 splinemap render room.splinemap no/such/folder.png
+expect 2 splinemap render room.splinemap no/such/folder.png
 
 # export
 expect 0 splinemap export room.splinemap room --format ros
@@ -112,7 +112,7 @@ expect 2 splinemap export room.splinemap folder/.png --format png
 for hostile in 0,0,1 0,0,1,1,1 a,0,1,1 nan,0,1,1 0,0,inf,1 1,0,0,1 0,0,0,1 -1e9,0,1,1 '0,0,1,1 2'; do
   expect 2 splinemap export room.splinemap x --format csv --region "$hostile"
 done
-expect_text "x0,y0,x1,y1" err
+expect_text "X0,Y0,X1,Y1" err
 for hostile in 0 -0.05 nan inf 1e-9 x; do
   expect 2 splinemap export room.splinemap x --format csv --resolution "$hostile"
 done
@@ -136,22 +136,82 @@ done
 cmp room.yaml before.yaml || fail "a failed export changed a file"
 [[ -z $(find . -name 'x.*' -o -name '*.part') ]] || fail "left behind: $(find . -name 'x.*' -o -name '*.part')"
 
+# A file that exists is replaced with --force only, by every command; none replaces its input.
+touch old.{splinemap,lcmlog,png,csv,tif,world}
+echo "FLASER 4 1 1.5 2 81.9 0.1 0 0 0 0 0 0 host 0" > tiny.log
+for command in "build room.lcmlog old.splinemap" "backup room.splinemap old.splinemap" \
+  "flatten room.splinemap old.splinemap" "merge room.splinemap --out old.splinemap" \
+  "layer mute room.splinemap robot --out old.splinemap" "render room.splinemap old.png" \
+  "raster room.splinemap old.csv --region 0,0,1,1" "export room.splinemap old --format geotiff" \
+  "simulate room.world old.lcmlog" "simulate room.world new.lcmlog --trajectory old.csv" \
+  "simulate room.world new.lcmlog --world-out old.world" "import-carmen tiny.log old.lcmlog" \
+  "snapshot old.splinemap --lcm-url memq://"; do
+  read -ra words <<< "$command"
+  expect 2 splinemap "${words[@]}"
+  grep -qE '^splinemap: old\.[a-z]+ exists; --force replaces it$' err || fail "$command: $(cat err)"
+  [[ -z $(find old.* -size +0) && ! -e new.lcmlog ]] || fail "$command has written"
+  [[ $command != snapshot* ]] || continue
+  expect 0 splinemap "${words[@]}" --force
+  [[ -n $(find old.* -size +0) ]] || fail "$command --force has not written"
+  rm -f new.lcmlog
+  for file in old.*; do : > "$file"; done
+done
+rm old.*
+for command in "build room.lcmlog room.lcmlog" "backup room.splinemap room.splinemap" \
+  "flatten room.splinemap ./room.splinemap" "simulate room.world room.world" \
+  "simulate room.world new.lcmlog --world-out room.world" "import-carmen tiny.log tiny.log" \
+  "snapshot --log room.lcmlog room.lcmlog"; do
+  read -ra words <<< "$command"
+  expect 2 splinemap "${words[@]}" --force
+  expect_text ": the command reads it" err
+done
+
+# Numbers with a leading minus are numbers.
+expect 0 splinemap query room.splinemap -1.5 1
+[[ $(tail -n 1 out) == -1.5,1,* ]] || fail "query: $(cat out)"
+expect 0 splinemap query room.splinemap -.5 -1e-1
+[[ $(tail -n 1 out) == -0.5,-0.1,* ]] || fail "query: $(cat out)"
+expect 0 splinemap ray room.splinemap -.5 -.25 -90 --max-range .5
+expect 0 splinemap check room.splinemap -.5 -.5 -1 -.5 --radius .1
+expect 0 splinemap check room.splinemap --radius .1 --occupied -.1 -.5 -.5
+expect 0 splinemap raster room.splinemap minus.csv --region -.5,-1,.5,-.2
+expect 0 splinemap export room.splinemap minus --format geotiff --region -.5,-1,.5,-.2
+expect 2 splinemap query room.splinemap -x 1
+expect 2 splinemap query room.splinemap -1x 1
+expect_text "-1x is not a number" err
+
+# MAP or --live: one of them.
+expect 2 splinemap layers
+expect_text "give a map file, or --live in its place" err
+expect 2 splinemap layers room.splinemap other.splinemap
+expect 2 splinemap layers --live room.splinemap
+expect_text "room.splinemap is one argument too many" err
+expect 2 splinemap render --live room.splinemap out.png
+expect_text "give one output after --live, which takes the place of the map file" err
+expect 2 splinemap layers room.splinemap --robot robot
+expect_text "--robot requires --live" err
+
 # diff
 cp room.splinemap copy.splinemap
 expect 0 splinemap diff room.splinemap copy.splinemap
+expect 0 splinemap diff room.splinemap copy.splinemap --json
+[[ $(jq -c . out) == '{"differences":[],"equal":true}' ]] || fail "diff: $(cat out)"
 expect 0 splinemap simulate room.world noisy.lcmlog --seed 2
-expect 0 splinemap build noisy.lcmlog --out noisy.splinemap --name robot
+expect 0 splinemap build noisy.lcmlog noisy.splinemap --name robot
 expect 1 splinemap diff room.splinemap noisy.splinemap
 expect_text "tiles differ" out
-expect 0 splinemap build room.lcmlog --out other.splinemap --name other
+expect 0 splinemap build room.lcmlog other.splinemap --name other
 expect 1 splinemap diff room.splinemap other.splinemap
 expect_text "layer other: only in other.splinemap" out
+expect 1 splinemap diff room.splinemap noisy.splinemap --json
+[[ $(jq -c '[.equal, (.differences[] | [.layer, .sum, .tiles > 0])]' out) == \
+  '[false,["robot",null,true],[null,true,true]]' ]] || fail "diff: $(cat out)"
 
 # several channels fit
 expect 0 splinemap simulate room.world two.lcmlog --pose-rate 20
 sed 's/POSE/ODOM/' two.lcmlog > two_renamed.lcmlog  # a channel name of the same length
 cat two_renamed.lcmlog >> two.lcmlog
-expect 2 splinemap build two.lcmlog --out two.splinemap
+expect 2 splinemap build two.lcmlog two.splinemap
 expect_text "--pose ODOM" err
 expect_text "--pose POSE" err
 expect 0 splinemap doctor two.lcmlog --json  # the poses that are not as sparse
@@ -160,7 +220,7 @@ expect 0 splinemap doctor two.lcmlog --json  # the poses that are not as sparse
 expect 2 splinemap doctor
 expect 2 splinemap doctor two.lcmlog --live
 expect 2 splinemap doctor two.lcmlog --scan LASER,mask=foo
-expect 2 splinemap build two.lcmlog --out x.splinemap --scan --pose
+expect 2 splinemap build two.lcmlog x.splinemap --scan --pose
 expect 1 splinemap doctor --live --seconds 0.2 --lcm-url memq://
 expect_text "nothing was received" err
 
@@ -176,7 +236,7 @@ expect_text "2 time stamps" err
 expect_text "the first is line 5" err
 expect 0 splinemap import-carmen small.log.gz small_gz.lcmlog --rate 10
 cmp small.lcmlog small_gz.lcmlog || fail "gz differs"
-expect 0 splinemap build small.lcmlog --out small.splinemap
+expect 0 splinemap build small.lcmlog small.splinemap
 expect_text "mapped 3 of 3 scans" err
 
 # errors
@@ -185,10 +245,53 @@ expect 2 splinemap frobnicate
 expect 2 splinemap render
 expect 0 splinemap --help
 expect 0 splinemap --version
-for command in build info render query ray check distance raster export diff layers merge remove flatten doctor watch simulate import-carmen; do
-  expect 0 splinemap $command --help
+# subcommands [COMMAND]: as --help lists them.
+subcommands() {
+  splinemap "$@" --help | awk '/^Subcommands:/ { inside = 1; next } NF == 0 { inside = 0 } inside { print $1 }'
+}
+mapfile -t commands < <(subcommands)
+((${#commands[@]} == 21)) || fail "commands: ${commands[*]}"
+mapfile -t settings < <(subcommands layer | sed 's/^/layer /')
+((${#settings[@]} == 6)) || fail "commands of layer: ${settings[*]}"
+live=()
+json=()
+force=()
+for command in "${commands[@]}" "${settings[@]}" "bridge occupancy-grid"; do
+  read -ra words <<< "$command"
+  expect 0 splinemap "${words[@]}" --help
   expect_text "Example" out
+  expect_text "splinemap $command" out
+  # The same words for the same things.
+  if grep -qE '^  --live ' out && [[ $command != doctor ]]; then
+    live+=("$command")
+    for text in "Map file, or --live in its place" \
+      "  --live                      Use the map of the daemons on an LCM bus" \
+      "  --lcm-url URL               LCM bus (default: LCM_DEFAULT_URL)" \
+      "  --prefix TEXT               channel_prefix of the daemons" "  --robot NAME  " \
+      "  --timeout FLOAT             s to wait for the daemons (default "; do
+      expect_text "$text" out
+    done
+  fi
+  if grep -q '^  --region' out; then
+    expect_text "--region X0,Y0,X1,Y1" out
+    expect_text "Only this part of the map, in metres of the map frame" out
+  fi
+  if grep -q '^  --json' out; then
+    json+=("$command")
+    expect_text "  --json                      Print JSON, for programs" out
+  fi
+  if grep -q '^  --force' out; then
+    force+=("$command")
+    expect_text "  --force                     Replace a file that exists" out
+  fi
 done
+[[ ${live[*]} == "render export query ray check distance raster layers ${settings[*]}" ]] ||
+  fail "take --live: ${live[*]}"
+[[ ${json[*]} == "info query ray check distance diff layers doctor watch" ]] || fail "print JSON: ${json[*]}"
+[[ ${force[*]} == "build render export raster merge flatten backup snapshot simulate import-carmen ${settings[*]}" ]] ||
+  fail "write files: ${force[*]}"
+expect 2 splinemap control mute robot
+expect 2 splinemap remove room.splinemap robot -o x.splinemap
 expect 1 splinemap info none.splinemap
 expect_text "there is no file none.splinemap" err
 expect 2 splinemap info .
@@ -202,7 +305,7 @@ expect 2 splinemap doctor room.world
 expect_text "import-carmen" err
 expect 2 splinemap import-carmen room.lcmlog x.lcmlog
 head -c 100000 room.lcmlog > cut.lcmlog
-expect 1 splinemap build cut.lcmlog --out cut.splinemap
+expect 1 splinemap build cut.lcmlog cut.splinemap
 expect_text "ends within event" err
 expect 0 splinemap info cut.splinemap  # what came before is there
 expect 1 splinemap doctor cut.lcmlog
@@ -214,12 +317,12 @@ expect_text "map it with" out
   daemon=$!
   await test -e killed.splinemap-wal
   await splinemap info killed.splinemap
-  expect 1 splinemap build room.lcmlog --out killed.splinemap --force
+  expect 1 splinemap build room.lcmlog killed.splinemap --force
   expect_text "in use" err
   kill -KILL "$daemon"
   wait "$daemon" || true
 ) 2> /dev/null || fail "replacing a map in use"
-expect 0 splinemap build room.lcmlog --out killed.splinemap --force --name robot
+expect 0 splinemap build room.lcmlog killed.splinemap --force --name robot
 expect 0 splinemap diff room.splinemap killed.splinemap
 
 # the daemon's configuration

@@ -11,9 +11,9 @@
 #include "lcmtypes/splinemap/layer_settings_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
-#include "lib/store/map_file.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
+#include "splinemap/file.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/temporary_directory.h"
 

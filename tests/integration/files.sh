@@ -19,7 +19,7 @@ source "$1/tests/integration/support.sh" "$1"
 overwrite() { dd if=/dev/zero of="$1" bs=1 seek="$2" count="$3" conv=notrunc status=none; }
 
 splinemap simulate office.lcmlog 2> /dev/null
-splinemap build office.lcmlog --out office.splinemap --name robot 2> /dev/null
+splinemap build office.lcmlog office.splinemap --name robot 2> /dev/null
 
 # --- LCM logs
 size=$(stat -c %s office.lcmlog)
@@ -30,30 +30,30 @@ expect 1 splinemap doctor damaged.lcmlog
 expect_text "damaged.lcmlog is damaged: skipped" err
 expect_text "gaps: 2, the first at byte" err
 expect_text "map it with: --scan LASER --pose POSE" out
-expect 1 splinemap build damaged.lcmlog --out damaged.splinemap
+expect 1 splinemap build damaged.lcmlog damaged.splinemap
 expect_text "gaps: 2" err
 mapped=$(sed -n 's/^mapped \([0-9]*\) of .*/\1/p' err)
 ((mapped > 1600)) || fail "only $mapped scans of a log with two gaps"
 expect 0 splinemap info damaged.splinemap
 head -c $((size / 2)) office.lcmlog > cut.lcmlog
-expect 1 splinemap build cut.lcmlog --out cut.splinemap
+expect 1 splinemap build cut.lcmlog cut.splinemap
 expect_text "cut.lcmlog ends within event" err
 expect 0 splinemap info cut.splinemap
 gzip -k office.lcmlog
-expect 0 splinemap build office.lcmlog.gz --out gz.splinemap --name robot
+expect 0 splinemap build office.lcmlog.gz gz.splinemap --name robot
 expect 0 splinemap diff gz.splinemap office.splinemap
 head -c 200000 office.lcmlog.gz > cut.lcmlog.gz
-expect 1 splinemap build cut.lcmlog.gz --out cut_gz.splinemap
+expect 1 splinemap build cut.lcmlog.gz cut_gz.splinemap
 expect 0 splinemap info cut_gz.splinemap
 : > empty.lcmlog
-expect 2 splinemap build empty.lcmlog --out x.splinemap
+expect 2 splinemap build empty.lcmlog x.splinemap
 
 # --- CARMEN logs
 for k in {1..300}; do echo "FLASER 4 1 1.5 2 8$((k % 10)) 0.$k 0 0 0 0 0 $k.5 host $k.5"; done > whole.log
 gzip -k whole.log
 head -c $(($(stat -c %s whole.log.gz) / 2)) whole.log.gz > cut.log.gz
 expect 1 splinemap import-carmen cut.log.gz cut_carmen.lcmlog
-expect_text "cut.log.gz is cut off or damaged; what came before is in cut_carmen.lcmlog" err
+expect_text "cut.log.gz is cut off or corrupt; cut_carmen.lcmlog has what precedes" err
 expect 0 splinemap doctor cut_carmen.lcmlog
 sed '7s/host.*//; 9s/ 1.5 / x /' whole.log > broken.log
 expect 0 splinemap import-carmen broken.log broken.lcmlog
@@ -71,7 +71,7 @@ for file in picture.png whole.log foreign.db office.lcmlog; do
   expect_text "$file is no map file" err
 done
 for file in picture.png whole.log foreign.db office.splinemap; do
-  expect 2 splinemap build "$file" --out x.splinemap
+  expect 2 splinemap build "$file" x.splinemap
   expect_text "$file is no LCM log" err
   expect 2 splinemapd --config "$file" --check-config
 done
@@ -121,9 +121,9 @@ for file in record cut_map page first_page; do
   expect_text "$file.splinemap" err
   [[ -s $file.png ]] || fail "no picture of what is left of $file"
   expect 1 splinemap merge "$file.splinemap" -o merged.splinemap
-  expect_text "$file.splinemap is damaged, so that nothing is written" err
+  expect_text "$file.splinemap is corrupt; nothing is written" err
   [[ ! -e merged.splinemap ]] || fail "a damaged map was merged"
-  expect 1 splinemap merge --damaged "$file.splinemap" -o merged.splinemap
+  expect 1 splinemap merge --accept-corrupt "$file.splinemap" -o merged.splinemap
   expect_text "$file.splinemap" err
   expect 0 splinemap info merged.splinemap
   rm merged.splinemap
@@ -167,12 +167,12 @@ expect_text "--force replaces it" err
 expect 0 splinemap backup live.splinemap backup_1.splinemap --force
 expect 0 splinemap diff live.splinemap backup_1.splinemap
 expect 1 splinemap backup tile.splinemap backup_tile.splinemap
-expect_text "is damaged, so that nothing is written" err
+expect_text "is corrupt; nothing is written" err
 
 # --- killed commands: the next one removes what they left
 mkdir killed
 for k in {1..10}; do
-  splinemap build office.lcmlog --out killed/x.splinemap 2> /dev/null &
+  splinemap build office.lcmlog killed/x.splinemap 2> /dev/null &
   command=$!
   sleep "0.$k"
   kill -9 "$command" 2> /dev/null || true
@@ -185,7 +185,7 @@ until compgen -G 'killed/y.lcmlog.*.part' > /dev/null; do sleep 0.01; done
 kill -9 "$command"
 wait "$command" 2> /dev/null || true
 compgen -G 'killed/y.lcmlog.*.part' > /dev/null || fail "nothing was left to be removed"
-expect 0 splinemap build office.lcmlog --out killed/x.splinemap
+expect 0 splinemap build office.lcmlog killed/x.splinemap
 expect 0 splinemap simulate killed/y.lcmlog
 [[ $(cd killed && echo *) == "x.splinemap y.lcmlog" ]] || fail "left behind: $(ls killed)"
 rm killed/y.lcmlog
@@ -210,7 +210,7 @@ fill
 expect 1 splinemap simulate full/x.lcmlog
 expect_text "cannot write full/x.lcmlog: No space left on device" err
 expect 1 splinemap import-carmen whole.log full/x.lcmlog
-expect 1 splinemap build office.lcmlog --out full/x.splinemap
+expect 1 splinemap build office.lcmlog full/x.splinemap
 expect_text "the disk is full" err
 expect 1 splinemap merge office.splinemap -o full/x.splinemap
 expect_text "the disk is full" err
@@ -275,7 +275,7 @@ for map in office new; do
   expect 1 splinemapd --map fixed/$map.splinemap "${listen[@]}"
   expect_text "cannot open fixed/$map.splinemap for writing: Read-only file system" err
 done
-expect 1 splinemap build office.lcmlog --out fixed/x.splinemap
+expect 1 splinemap build office.lcmlog fixed/x.splinemap
 expect 1 splinemap simulate fixed/x.lcmlog
 expect_text "cannot write fixed/x.lcmlog: Read-only file system" err
 

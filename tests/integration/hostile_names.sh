@@ -44,8 +44,8 @@ run 0 "$layers" splinemap layers a.splinemap
 json 0 "$layers" splinemap layers a.splinemap
 run 1 "$layers" splinemap diff a.splinemap b.splinemap
 run 0 "$layers" splinemap merge a.splinemap b.splinemap -o merged.splinemap
-run 2 "$layers" splinemap remove a.splinemap X -o removed.splinemap
-run 0 "Xmuted" splinemap flatten a.splinemap -o flat.splinemap --name flat
+run 2 "$layers" splinemap layer remove a.splinemap X -o removed.splinemap
+run 0 "Xmuted" splinemap flatten a.splinemap flat.splinemap --name flat
 cp a.splinemap damaged.splinemap
 sqlite3 damaged.splinemap "UPDATE tile SET checksum = checksum + 1"
 run 1 "" splinemap info damaged.splinemap
@@ -55,7 +55,7 @@ run 1 "" splinemap merge damaged.splinemap b.splinemap -o none.splinemap
 hostile_names log log.lcmlog
 run 0 "Xpose1 Xscan1" splinemap doctor log.lcmlog
 json 0 "Xpose1 Xscan1" splinemap doctor log.lcmlog
-run 2 "Xscan1 Xscan2" splinemap build log.lcmlog --out none.splinemap
+run 2 "Xscan1 Xscan2" splinemap build log.lcmlog none.splinemap
 printf '1,2\nXline\x1b[2J\r\xff\n' > points.csv
 run 2 "Xline" splinemap query a.splinemap --points points.csv
 
@@ -72,7 +72,7 @@ run 1 "Xcoarse Xmissing" splinemap snapshot none.splinemap --timeout 3
 run 1 "Xchannel" splinemap doctor --live --seconds 1
 run 2 "Xtext" splinemap query --live --robot "$(printf 'Xrobot\x1b[2J\n\r\x9b\x07\xff\xc2\x9bXrobot')" 0 0
 run 1 "Xrobot" splinemap query --live --robot nobody 0 0
-run 2 "Xlayer" splinemap control mute nothing
+run 2 "Xlayer" splinemap layer mute --live nothing
 # In a terminal, what draws the screen is splinemap's alone.
 script -qfc "timeout 4 splinemap watch" screen > /dev/null < /dev/null || true
 for name in Xname Xlast Xmissing Xcoarse; do grep -q "$name" screen || fail "no $name on the screen"; done

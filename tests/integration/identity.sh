@@ -10,7 +10,7 @@ source "$1/tests/integration/support.sh" "$1"
 splinemap simulate office.lcmlog 2> /dev/null
 "$top/tests/support/split_drive.py" office.lcmlog LASER 3 part_
 for k in 1 2 3; do  # what robot-1, robot-2 and another robot-1 have mapped
-  expect 0 splinemap build "part_$k.lcmlog" -o "map_$k.splinemap" --name "robot-$((k == 3 ? 1 : k))" \
+  expect 0 splinemap build "part_$k.lcmlog" "map_$k.splinemap" --name "robot-$((k == 3 ? 1 : k))" \
     --scan LASER --pose POSE
 done
 

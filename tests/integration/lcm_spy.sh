@@ -54,7 +54,7 @@ print(sorted(channels).index(sys.argv[1].encode()))
 EOT
 
 expect 0 splinemap simulate drive.lcmlog
-expect 0 splinemap build drive.lcmlog --scan LASER --pose POSE --out drive.splinemap
+expect 0 splinemap build drive.lcmlog --scan LASER --pose POSE drive.splinemap
 cat > room.world << 'EOT'
 wall { x0_m: -2 y0_m: -2 x1_m: 2 y1_m: -2 }
 wall { x0_m: 2 y0_m: -2 x1_m: 2 y1_m: 2 }
@@ -63,7 +63,7 @@ wall { x0_m: -2 y0_m: 2 x1_m: -2 y1_m: -2 }
 waypoint { x_m: -1 } waypoint { x_m: 1 } waypoint { x_m: 1 y_m: 1 }
 EOT
 expect 0 splinemap simulate room.world room.lcmlog
-expect 0 splinemap build room.lcmlog --scan LASER --pose POSE --out room.splinemap --name room
+expect 0 splinemap build room.lcmlog --scan LASER --pose POSE room.splinemap --name room
 cp room.splinemap kept.splinemap
 Xvfb -displayfd 3 -screen 0 1000x700x24 -nolisten tcp 3> display 2> xvfb.log &
 await test -s display
@@ -103,8 +103,8 @@ knows_room() {
     jq -e '.[] | select(.daemon == "robot").layers[] | select(.name == "room" and .state == "live")'
 }
 await knows_room
-expect 0 splinemap control low-weight robot
-expect 0 splinemap control shift room 90 80
+expect 0 splinemap layer low-weight --live robot
+expect 0 splinemap layer shift --live room 90 80
 kill "$room"
 wait "$room" || fail "the room's daemon: $(cat room.log)"
 
@@ -118,7 +118,7 @@ wait "$player"
 eval "$(xdotool search --name '^SPLINEMAP map$' getwindowgeometry --shell)"
 # shows MAP: the window shows what the file has, after a while.
 shows() {
-  expect 0 splinemap render "$1" map.png --px-per-knot 1
+  expect 0 splinemap render "$1" map.png --px-per-knot 1 --force
   xdotool search --name '^SPLINEMAP map$' windowraise  # a chart may cover it
   # shellcheck disable=SC2154  # xdotool says X, Y, WIDTH, HEIGHT
   java "$top/tests/integration/MapWindow.java" "$X" "$Y" "$WIDTH" "$HEIGHT" map.png > shown.log ||
@@ -135,10 +135,10 @@ await is_settled
 # hear them, too.
 await splinemap snapshot --log heard.lcmlog sum.splinemap --robot robot --robot room --force
 shows sum.splinemap
-expect 0 splinemap control mute robot
+expect 0 splinemap layer mute --live robot
 shows room.splinemap
-expect 0 splinemap control remove room
-expect 0 splinemap control unmute robot
+expect 0 splinemap layer remove --live room
+expect 0 splinemap layer unmute --live robot
 shows drive.splinemap
 
 kill -0 "$spy_pid" || fail "lcm-spy ended: $(cat spy.log)"

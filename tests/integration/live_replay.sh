@@ -28,7 +28,7 @@ replay() {
 }
 
 same_as_offline() {
-  expect 0 splinemap build "$1" --out offline.splinemap --name robot "${@:2}"
+  expect 0 splinemap build "$1" offline.splinemap --name robot "${@:2}"
   expect 0 splinemap diff live.splinemap offline.splinemap
   echo "$(basename "$1"): $(cat out)"
 }

@@ -1,6 +1,4 @@
 // Clients and a daemon, on a bus of their own.
-#include "lib/client/map_client.h"
-
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -10,11 +8,12 @@
 #include <numbers>
 
 #include "lib/map/summed_layers.h"
-#include "lib/query/local_map.h"
-#include "lib/replica/map_replica.h"
-#include "lib/store/map_file.h"
 #include "lib/wire/encode.h"
 #include "services/splinemapd/daemon.h"
+#include "splinemap/client.h"
+#include "splinemap/file.h"
+#include "splinemap/local_map.h"
+#include "splinemap/replica.h"
 #include "tests/support/queries.h"
 #include "tests/support/temporary_directory.h"
 

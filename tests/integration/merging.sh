@@ -30,7 +30,7 @@ robots() {
   "$top/tests/support/split_drive.py" "$log" "$scan" "$count" part_
   rm -f map_*.splinemap
   for ((k = 1; k <= count; ++k)); do
-    expect 0 splinemap build "part_$k.lcmlog" -o "map_$k.splinemap" --name "robot-$k" \
+    expect 0 splinemap build "part_$k.lcmlog" "map_$k.splinemap" --name "robot-$k" \
       --scan "$scan" --pose "$2"
   done
   rm part_*.lcmlog
@@ -57,7 +57,7 @@ orders() {
 
 # without_one: of the maps that orders merged, and then with it as an older file has it.
 without_one() {
-  expect 0 splinemap remove all.splinemap robot-1 -o without.splinemap --force
+  expect 0 splinemap layer remove all.splinemap robot-1 -o without.splinemap --force
   merge "${maps[@]:1}" -o other.splinemap
   expect 0 splinemap diff without.splinemap other.splinemap
   expect_text "layer robot-1@" out
@@ -70,7 +70,7 @@ without_one() {
 
 # flatten MAP: in one layer the map is the same.
 flatten() {
-  expect 0 splinemap flatten "$1" -o flat.splinemap --name lab --force
+  expect 0 splinemap flatten "$1" flat.splinemap --name lab --force
   cp err said
   [[ $(splinemap layers flat.splinemap --json | jq -c 'map([.name, .muted, .shift_knots])') == '[["lab",false,[0,0]]]' ]] ||
     fail "flat: $(hashes flat.splinemap)"
@@ -99,59 +99,85 @@ expect 0 splinemap layers fleet.splinemap --json
 [[ $(jq '.[2] | .name == "robot-3" and .session_number == 1 and .commits > 200 and .in_sum and
          .area_m2 > 1 and .box_m[0] < .box_m[2] and .box_m[1] < .box_m[3]' out) == true ]] || fail "$(cat out)"
 [[ $(jq '[.[] | [.area_m2, .tiles, .commits]]' out) == "$(splinemap info fleet.splinemap --json |
-  jq '[.layers[] | [.area_m2, .tiles, .scans]]')" ]] || fail "layers and info differ: $(cat out)"
+  jq '[.layers[] | [.area_m2, .tiles, .commits]]')" ]] || fail "layers and info differ: $(cat out)"
 # The box of robot-2 in mm.
 box() { splinemap layers "$1" --json | jq -c '.[1].box_m | map(. * 1000 | round)'; }
 origin() { splinemap layers "$1" --json | jq -r "map(select(.name == \"$2\"))[0].origin"; }
 
 # --- which layer to remove
-expect 2 splinemap remove fleet.splinemap robot -o x.splinemap
-expect_text "fleet.splinemap has no layer robot (did you mean robot-1?); there are: robot-1@" err
-expect 2 splinemap remove fleet.splinemap robot-1@xyz -o x.splinemap
-expect 0 splinemap remove fleet.splinemap "robot-2@$(origin fleet.splinemap robot-2)" robot-4 -o x.splinemap
+expect 2 splinemap layer remove fleet.splinemap robot -o x.splinemap
+expect_text "fleet.splinemap has no layer robot (did you mean robot-1?); the layers are: robot-1@" err
+expect 2 splinemap layer remove fleet.splinemap robot-1@xyz -o x.splinemap
+expect 0 splinemap layer remove fleet.splinemap "robot-2@$(origin fleet.splinemap robot-2)" robot-4 -o x.splinemap
 merge maps/map_[135].splinemap -o other.splinemap
 expect 0 splinemap diff x.splinemap other.splinemap
-expect 0 splinemap remove x.splinemap robot-1 robot-3 robot-5 -o none.splinemap
+expect 0 splinemap layer remove x.splinemap robot-1 robot-3 robot-5 -o none.splinemap
 expect 0 splinemap info none.splinemap --json
 [[ $(jq -c '[.tiles, .layers]' out) == '[0,[]]' ]] || fail "all removed: $(cat out)"
 [[ $(splinemap layers none.splinemap | grep -c "removed up to") == 5 ]] || fail "$(splinemap layers none.splinemap)"
 rm x.splinemap
 
 # --- two layers of one name
-expect 0 splinemap build office.lcmlog -o namesake.splinemap --name robot-1
+expect 0 splinemap build office.lcmlog namesake.splinemap --name robot-1
 merge namesake.splinemap fleet.splinemap -o names.splinemap
-expect_text "stay apart: two robots of one name" err
+expect_text "stay apart; they come from two robots of one name" err
 [[ $(splinemap layers names.splinemap --json | jq length) == 6 ]] || fail "layers of one name are one"
-expect 2 splinemap remove names.splinemap robot-1 -o x.splinemap
-expect_text "names.splinemap has several layers robot-1; say which: robot-1@" err
+expect 2 splinemap layer remove names.splinemap robot-1 -o x.splinemap
+expect_text "names.splinemap has several layers robot-1; give one of: robot-1@" err
 id=$(origin namesake.splinemap robot-1)
-expect 0 splinemap remove names.splinemap "robot-1@${id:0:9}" -o x.splinemap
+expect 0 splinemap layer remove names.splinemap "robot-1@${id:0:9}" -o x.splinemap
 expect 0 splinemap diff x.splinemap fleet.splinemap
 rm x.splinemap
 
-# --- what people have decided
-for decision in muted "7 -40"; do
-  cp fleet.splinemap decided.splinemap
-  # shellcheck disable=SC2086  # words
-  expect 0 decide decided.splinemap robot-2 $decision
-  expect 1 splinemap diff decided.splinemap fleet.splinemap
+# --- settings, in a copy of the map
+# change COMMAND LAYER [I J] -- FROM TO
+change() {
+  local command=$1 words=()
+  shift
+  while [[ $1 != -- ]]; do words+=("$1"); shift; done
+  expect 0 splinemap layer "$command" "$2" "${words[@]}" --out "$3" --force
+}
+cp fleet.splinemap before.splinemap
+for setting in "mute robot-2" "shift robot-2 7 -40" "low-weight robot-2"; do
+  read -ra words <<< "$setting"
+  change "${words[@]}" -- fleet.splinemap changed.splinemap
+  expect_text "${words[0]} robot-2@" err
+  cmp fleet.splinemap before.splinemap || fail "the input of ${words[0]} has changed"
+  expect 1 splinemap diff changed.splinemap fleet.splinemap
   expect_text "layer robot-2: " out
-  expect_text "in decided.splinemap, summed as it is in fleet.splinemap" out
-  expect_text "the sum of all layers: " out
-  expect 0 splinemap layers decided.splinemap
-  [[ $(grep -cE "robot-2.* (muted|shifted by 7, -40 knots)$" out) == 1 ]] || fail "layers: $(cat out)"
-  [[ $decision == muted || $(box decided.splinemap) == "$(box fleet.splinemap |
+  expect_text "in changed.splinemap, no settings in fleet.splinemap" out
+  expect 0 splinemap layers changed.splinemap
+  [[ $(grep -cE "robot-2.* (muted|shifted by 7, -40 knots|low weight)$" out) == 1 ]] || fail "layers: $(cat out)"
+  [[ $setting != shift* || $(box changed.splinemap) == "$(box fleet.splinemap |
     jq -c '[.[0] + 350, .[1] - 2000, .[2] + 350, .[3] - 2000]')" ]] || fail "box: $(cat out)"
+  if [[ $setting != low-weight* ]]; then
+    expect 1 splinemap diff changed.splinemap fleet.splinemap
+    expect_text "the sum of all layers: " out
+  fi
   # It stays, whatever is merged with it, and a flat map is the sum that it says.
-  merge maps/map_2.splinemap decided.splinemap fleet.splinemap -o other.splinemap
-  same decided.splinemap other.splinemap
-  flatten decided.splinemap
-  [[ $decision != muted ]] || expect_text "is left out: muted" err
-  expect 0 decide decided.splinemap robot-2
-  expect 0 splinemap diff decided.splinemap fleet.splinemap
+  merge maps/map_2.splinemap changed.splinemap fleet.splinemap -o other.splinemap
+  same changed.splinemap other.splinemap
+  flatten changed.splinemap
+  [[ $setting != mute* ]] || expect_text "is left out: muted" err
+  case ${words[0]} in
+    mute) change unmute robot-2 -- changed.splinemap back.splinemap ;;
+    shift) change shift robot-2 0 0 -- changed.splinemap back.splinemap ;;
+    low-weight) change normal-weight robot-2 -- changed.splinemap back.splinemap ;;
+  esac
+  expect 0 splinemap diff back.splinemap fleet.splinemap
 done
+for bad in "mute" "mute robot" "shift robot-2" "shift robot-2 7" "shift robot-2 7 0.5" \
+  "shift robot-2 7 99999999"; do
+  read -ra words <<< "$bad"
+  expect 2 splinemap layer "${words[0]}" fleet.splinemap "${words[@]:1}" --out x.splinemap
+done
+expect_text "a layer can be shifted by 67108864 knots at most" err
+expect 2 splinemap layer mute fleet.splinemap robot-2
+expect_text "give the map file to write with --out" err
+expect 2 splinemap layer mute fleet.splinemap robot-2 --out changed.splinemap
+expect_text "changed.splinemap exists; --force replaces it" err
 
-# --- starts: a newer one replaces the layer; two of one number come from one copied file
+# --- sessions: a newer one replaces the layer; two of one number come from one copied file
 start() {
   splinemapd --map "$1" --name robot-1 --scan LASER --pose POSE --lcm-url memq:// 2> daemon.log &
   local daemon=$!
@@ -169,16 +195,16 @@ expect_text ": session 2 in newer.splinemap replaces session 1 in fleet.splinema
 merge newer.splinemap fleet.splinemap -o other.splinemap
 same one.splinemap other.splinemap
 merge newer.splinemap twin.splinemap -o one.splinemap
-expect_text ": two owners of one copied file" err
+expect_text ", since two daemons used one copied file" err
 merge twin.splinemap newer.splinemap -o other.splinemap
 same one.splinemap other.splinemap
 
 # --- one commit with two contents
 cp maps/map_1.splinemap forged.splinemap
-decide forged.splinemap robot-1 negated
+forge forged.splinemap robot-1
 expect 0 splinemap info forged.splinemap
 expect 1 splinemap merge fleet.splinemap forged.splinemap -o one.splinemap --force
-expect_text "tiles that differ from those of fleet.splinemap at the same commit" err
+expect_text " tiles of forged.splinemap differ from those of fleet.splinemap at the same commit" err
 expect 1 splinemap merge forged.splinemap fleet.splinemap -o other.splinemap --force
 same one.splinemap other.splinemap
 expect 1 splinemap merge one.splinemap fleet.splinemap forged.splinemap -o other.splinemap --force
@@ -188,7 +214,7 @@ same one.splinemap other.splinemap
 printf 'method { knot_interval_m: 0.1 }\n' > coarse.textproto
 printf 'method { clamp_max: 20 }\n' > wide.textproto
 for kind in coarse wide; do
-  expect 0 splinemap build office.lcmlog -o $kind.splinemap --config $kind.textproto --scan LASER --pose POSE
+  expect 0 splinemap build office.lcmlog $kind.splinemap --config $kind.textproto --scan LASER --pose POSE
 done
 expect 2 splinemap merge fleet.splinemap coarse.splinemap -o x.splinemap
 expect_text "knot intervals of coarse.splinemap are 0.1 m, and those of fleet.splinemap are 0.05 m" err
@@ -205,17 +231,17 @@ for bad in 1:tile.splinemap 1:cut.splinemap 1:newer_schema.splinemap 2:foreign.d
   1:empty.splinemap 1:none_there.splinemap; do
   expect "${bad%%:*}" splinemap merge fleet.splinemap "${bad#*:}" -o x.splinemap
   expect_text "${bad#*:}" err
-  expect "${bad%%:*}" splinemap remove "${bad#*:}" robot-1 -o x.splinemap
-  expect "${bad%%:*}" splinemap flatten "${bad#*:}" -o x.splinemap
+  expect "${bad%%:*}" splinemap layer remove "${bad#*:}" robot-1 -o x.splinemap
+  expect "${bad%%:*}" splinemap flatten "${bad#*:}" x.splinemap
   expect "${bad%%:*}" splinemap layers "${bad#*:}" > /dev/null
 done
-expect 2 splinemap flatten fleet.splinemap -o x.splinemap --name no/name
+expect 2 splinemap flatten fleet.splinemap x.splinemap --name no/name
 expect 2 splinemap merge fleet.splinemap -o no/such/folder
 expect 2 splinemap merge fleet.splinemap
 expect 2 splinemap merge -o x.splinemap
 [[ -z $(find . -name 'x.*' -o -name '*.part*') ]] || fail "left behind: $(ls)"
 # What is left of a damaged file, if that is wanted.
-expect 1 splinemap merge tile.splinemap maps/map_2.splinemap -o x.splinemap --damaged
+expect 1 splinemap merge tile.splinemap maps/map_2.splinemap -o x.splinemap --accept-corrupt
 expect_text "tile.splinemap: layer robot" err
 expect 0 splinemap info x.splinemap
 
@@ -225,9 +251,9 @@ expect_text "other.splinemap exists; --force replaces it" err
 ln fleet.splinemap link.splinemap
 for out in ./fleet.splinemap link.splinemap; do
   expect 2 splinemap merge namesake.splinemap fleet.splinemap -o $out --force
-  expect_text "is read and cannot be written" err
-  expect 2 splinemap remove fleet.splinemap robot-1 -o $out --force
-  expect 2 splinemap flatten fleet.splinemap -o $out --force
+  expect_text "cannot write $out: the command reads it" err
+  expect 2 splinemap layer remove fleet.splinemap robot-1 -o $out --force
+  expect 2 splinemap flatten fleet.splinemap $out --force
 done
 splinemapd --map used.splinemap --scan LASER --pose POSE --lcm-url memq:// 2> daemon.log &
 daemon=$!

@@ -5,8 +5,8 @@
 #include <random>
 #include <vector>
 
-#include "lib/map/map_view.h"
 #include "lib/mapping/beam_model.h"
+#include "splinemap/map_view.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/paper_map.h"
 #include "tests/support/recorded_drive.h"

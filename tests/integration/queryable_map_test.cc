@@ -1,6 +1,6 @@
 // What all maps that can be asked have in common: in process, a replica, that of a daemon. On a bus
 // of its own.
-#include "lib/query/queryable_map.h"
+#include "splinemap/queryable_map.h"
 
 #include <gtest/gtest.h>
 
@@ -8,12 +8,12 @@
 #include <thread>
 
 #include "lib/base/random.h"
-#include "lib/client/map_client.h"
-#include "lib/replica/map_replica.h"
 #include "services/splinemapd/newest_map.h"
 #include "services/splinemapd/receiving_thread.h"
 #include "services/splinemapd/replication_thread.h"
 #include "services/splinemapd/request_server.h"
+#include "splinemap/client.h"
+#include "splinemap/replica.h"
 #include "tests/support/queries.h"
 
 namespace splinemap::queryable_map_test {

@@ -1,97 +1,183 @@
 #!/usr/bin/env bash
-# Runs every command of the README's examples, but those that fetch, install or build.
+# Checks all documents (*.md) of the project. Runs every command in their blocks marked sh, each
+# document in a folder of its own, beside a base station that has the layers of three robots. A block
+# marked "sh REASON" is not run; the reasons are those of `not_run` below.
 if [[ -z ${LCM_DEFAULT_URL:-} || ${2:-} != inside ]]; then
   exec "$1/deploy/own_bus.sh" "$0" "$1" inside
 fi
 # shellcheck source=tests/integration/support.sh
 source "$1/tests/integration/support.sh" "$1"
 
-# What the examples name.
-cat > short.world << 'EOF'
-wall { x0_m: 5 y0_m: -5 x1_m: 5 y1_m: 9 } waypoint { x_m: 0 } waypoint { x_m: 3 y_m: 6.5 }
-EOF
-splinemap simulate short.world drive.lcmlog 2> /dev/null
-splinemap build drive.lcmlog --out other.splinemap 2> /dev/null
-splinemap build drive.lcmlog --out robot-2.splinemap --name robot-2 2> /dev/null
-cp "$top/deploy/config/splinemapd.textproto" .
-printf '1,2\n3,4\n' > path.csv
-[[ ! -d $shared_data ]] || ln -s "$shared_data"/carmen/*.gz "$shared_data"/lcm/*.lcmlog .
+declare -A not_run=([builds]=0 [takes-minutes]=0 [opens-a-window]=0)
+mapfile -t documents < <(cd "$top" && find . -name '*.md' -not -path './build/*' -not -path './.*' |
+  sed 's/^..//' | sort)
+((${#documents[@]} > 35)) || fail "only ${#documents[@]} documents found"
 
-# The lines of the blocks marked sh.
-mapfile -t commands < <(awk '/^```/ { inside = ($0 == "```sh"); next } inside' "$top/README.md" |
-  sed 's/ *#.*//; /^$/d')
-((${#commands[@]} > 15)) || fail "only ${#commands[@]} commands found"
+# --- What documents say of each other, of sources and of tests.
 
-ran=0
-for command in "${commands[@]}"; do
-  read -ra words <<< "$command"
-  case $command in
-    *deploy/lcm-spy.sh*) continue ;;  # lcm_spy.sh tries it
-    "git clone"* | deploy/demo.sh | tests/run.sh) continue ;;  # run by whoever reads this
-    "deploy/demo.sh "*)  # the same flags, offline; the demo is tried by hand
-      log=${words[1]}
-      [[ -e $log ]] || { echo "skipped, the shared data folder is not there: $command"; continue; }
-      if [[ $log == *.gz ]]; then
-        expect 0 splinemap import-carmen "$log" "$log.lcmlog"
-        log=$log.lcmlog
-      fi
-      expect 0 splinemap doctor "$log" --json "${words[@]:2}"
-      mapfile -t chosen < <(jq -r '.chosen_flags[]' out)
-      expect 0 splinemap build "$log" --out recorded.splinemap --force "${words[@]:2}" "${chosen[@]}"
-      ;;
-    "splinemap import-carmen "* | *" intel.lcmlog "*)
-      [[ -e intel-corrected.log.gz ]] || continue
-      expect 0 "${words[@]}"
-      ;;
-    "splinemapd "*"&")  # the block on replay
-      splinemapd "${words[@]:1:${#words[@]}-2}" 2> daemon.log &
-      daemon=$!
-      await splinemap watch --once --timeout 2
-      ;;
-    "kill -INT %1 && wait")
-      sleep 1
-      kill -INT "$daemon"
-      wait "$daemon" || fail "the daemon failed: $(cat daemon.log)"
-      ;;
-    "splinemapd "*"-config") expect 0 "${words[@]}" ;;
-    "splinemapd "*) expect 0 timeout --preserve-status --signal=INT 2 "${words[@]}" ;;
-    # Nobody is there: they say so.
-    "splinemap snapshot "*)
-      splinemapd --scan LASER --pose POSE --map served.splinemap 2> daemon.log &
-      daemon=$!
-      expect 0 "${words[@]}"
-      kill -INT "$daemon"
-      wait "$daemon" || fail "the daemon failed: $(cat daemon.log)"
-      ;;
-    "splinemap-planner "*)
-      command -v splinemap-planner > /dev/null || { echo "skipped, OMPL is not there: $command"; continue; }
-      expect 124 timeout 2 "${words[@]}"
-      ;;
-    "splinemap bridge "*) expect 124 timeout 2 "${words[@]}" ;;
-    "splinemap watch") expect 1 timeout 10 splinemap watch ;;
-    "splinemap doctor --live "*) expect 1 splinemap doctor --live --seconds 1 ;;
-    *) expect 0 "${words[@]}" ;;
-  esac
-  ran=$((ran + 1))
+for document in "${documents[@]}"; do
+  long=$(awk 'length > 100 {print FILENAME ":" FNR; exit}' "$top/$document")
+  [[ -z $long ]] || fail "a line of more than 100 characters: $long"
 done
-echo "readme: $ran commands ran"
+(($(wc -c < "$top/README.md") <= 7000)) || fail "README.md has more than 7,000 bytes"
+for folder in "$top"/{lib,services,clients}/ "$top"/{lib,services,clients}/*/; do
+  [[ -e $folder/README.md ]] || fail "no README.md in $folder"
+done
+
+# The anchors of a document's headings.
+anchors_of() {
+  grep '^#' "$1" | sed 's/^#* //' | tr '[:upper:]' '[:lower:]' | sed 's/[^a-z0-9 _-]//g; s/ /-/g'
+}
+links=0
+for document in "${documents[@]}"; do
+  while read -r link; do
+    target=${link%%#*}
+    path=$top/$document
+    [[ -z $target ]] || path=$(dirname "$top/$document")/$target
+    [[ -e $path ]] || fail "$document links to $link, which is not there"
+    [[ $link != *#* ]] || anchors_of "$path" | grep -qxF -- "${link#*#}" ||
+      fail "$document links to $link, and there is no such heading"
+    links=$((links + 1))
+  done < <(awk '/^```/ { code = !code; next } !code' "$top/$document" |
+    grep -oE '\]\([^)]+\)' | sed 's/^](//; s/)$//' | grep -v '://')
+done
+echo "readme: $links links lead somewhere"
 
 # What is quoted from a source file is in it, line by line.
 quoted=0
-while IFS=$'\t' read -r file line; do
-  grep -qxF -- "$line" <(sed 's/^ *//' "$top/$file") || fail "not in $file: $line"
-  quoted=$((quoted + 1))
-done < <(awk '/^<!-- in / { file = $3; next } /^```/ { inside = ($0 == "```cpp" && file != ""); if (!inside) file = ""; next }
-  inside { sub(/^ */, ""); print file "\t" $0 }' "$top/README.md")
-((quoted > 5)) || fail "only $quoted quoted lines found"
+for document in "${documents[@]}"; do
+  while IFS=$'\t' read -r file line; do
+    grep -qxF -- "$line" <(sed 's/^ *//' "$top/$file") || fail "$document quotes $file: $line"
+    quoted=$((quoted + 1))
+  done < <(awk '/^<!-- in / { file = $3; next }
+    /^```/ { inside = ($0 == "```cpp" && file != ""); if (!inside) file = ""; next }
+    inside { sub(/^ */, ""); print file "\t" $0 }' "$top/$document")
+done
+((quoted > 10)) || fail "only $quoted quoted lines found"
 echo "readme: $quoted lines are quoted from sources"
 
+# The example in bytes is the one that the followers in C++ and Java are tested with.
+hex_of() { tr -dc '0-9a-f\n' | tr -d '\n'; }
+vectors=$(sed 's/"[^"]*LAYER[^"]*"//' "$top/tests/integration/FollowerVectors.java" | hex_of)
+update=$(sed -n '/TheDocumentedUpdateIsRead/,/decode/p' "$top/tests/unit/replication_test.cc" |
+  grep -oE '^ *"[0-9a-f]+"' | hex_of)
+documented=$(awk '/^```/ { code = !code; next } code' "$top/lcmtypes/FOLLOWING.md" |
+  grep -oE '^[0-9a-f]{2,}( [0-9a-f]{2,})*' | hex_of)
+[[ -n $update && $documented == *"$update"* ]] || fail "FOLLOWING.md has other bytes than the test"
+for part in 000000020000000 3fa999999999999afffff60000000a00 000000000000000100000001 \
+  00000002ffffffff00000000000000010ffa6a73deec14c502; do
+  [[ $documented == *"$part"* && $vectors == *"$part"* ]] || fail "FOLLOWING.md: $part"
+done
+echo "readme: the bytes of the example are those of the tests"
+
 # The tests that tests/README.md names are there.
+cat "$top"/tests/{*,*/*}/*.cc | grep -oE '^TEST(_F|_P)?\([A-Za-z]*, [A-Za-z]*\)' > tests.txt
 # shellcheck disable=SC2016  # the quotes are Markdown's
 while read -r name; do
   suite=${name%.*}
   test=${name#*.}
   test=${test//\*/[A-Za-z]*}
-  grep -qE "^TEST(_F|_P)?\(${suite:-[A-Za-z]*}, $test\)" "$top"/tests/{*,*/*}/*.cc || fail "tests/README.md names $name"
+  grep -qE "\(${suite:-[A-Za-z]*}, $test\)" tests.txt || fail "tests/README.md names $name"
 done < <(grep -oE '`[A-Za-z]*\.[A-Z*][A-Za-z]*`|`[A-Za-z]*\.\*`' "$top/tests/README.md" | tr -d '`')
 echo "readme: the tests of the table exist"
+
+# --- The commands.
+
+# What they name.
+mkdir fixtures
+cat > fixtures/short.world << 'EOF'
+wall { x0_m: 5 y0_m: -5 x1_m: 5 y1_m: 9 } waypoint { x_m: 0 } waypoint { x_m: 3 y_m: 6.5 }
+EOF
+(
+  cd fixtures
+  splinemap simulate short.world drive.lcmlog 2> /dev/null
+  for map in drive other lab; do splinemap build drive.lcmlog --out "$map.splinemap"; done
+  for n in 1 2 3; do
+    splinemap build drive.lcmlog --out "robot-$n.splinemap" --name "robot-$n"
+  done
+  splinemap merge robot-{1,2,3}.splinemap --out fleet.splinemap
+  cp "$top/deploy/config/splinemapd.textproto" .
+  printf '1,2\n3,4\n' > path.csv
+  [[ ! -d $shared_data ]] || ln -s "$shared_data"/carmen/*.gz "$shared_data"/lcm/*.lcmlog .
+) > log.txt 2>&1 || fail "$(cat log.txt)"
+
+cp fixtures/fleet.splinemap base.splinemap
+splinemapd --no-sensors --name base --map base.splinemap 2> base.log &
+base=$!
+await splinemap watch --once --timeout 2
+
+run() {
+  local command=$1 log flags chosen
+  case $command in
+    "deploy/demo.sh "*)  # the same flags, offline; the demo is tried by hand
+      read -ra flags <<< "${command#* }"
+      log=${flags[0]}
+      [[ -e $log ]] || { echo "skipped, the shared data folder is not there: $command"; return; }
+      if [[ $log == *.gz ]]; then
+        expect 0 splinemap import-carmen "$log" demo.lcmlog --force
+        log=demo.lcmlog
+      fi
+      expect 0 splinemap doctor "$log" --json "${flags[@]:1}"
+      mapfile -t chosen < <(jq -r '.chosen_flags[]' "$work/out")
+      expect 0 splinemap build "$log" --out demo.splinemap --force "${flags[@]:1}" "${chosen[@]}"
+      ;;
+    *"intel-corrected.log.gz "* | *" intel.lcmlog "*)
+      [[ ! -e intel-corrected.log.gz ]] || expect 0 bash -c "$command"
+      ;;
+    "splinemapd "*"&")  # until the kill that follows
+      eval "${command%&}" 2> daemon.log &
+      daemon=$!
+      await grep -q listening daemon.log
+      ;;
+    "kill -INT %1 && wait")
+      sleep 0.5
+      kill -INT "$daemon"
+      wait "$daemon" || fail "the daemon failed: $(cat daemon.log)"
+      ;;
+    "splinemapd "*"-config") expect 0 bash -c "$command" ;;
+    "splinemapd "*) expect 0 timeout --preserve-status --signal=INT 1 bash -c "exec $command" ;;
+    "splinemap doctor --live --seconds "*) expect 1 splinemap doctor --live --seconds 1 ;;  # nobody drives
+    "splinemap watch" | "splinemap watch --json" | "splinemap bridge "*)  # run until they are ended
+      expect 124 timeout 1 bash -c "exec $command"
+      ;;
+    "splinemap-planner "*)
+      command -v splinemap-planner > /dev/null || { echo "skipped, OMPL is not there: $command"; return; }
+      expect 124 timeout 1 bash -c "exec $command"
+      ;;
+    *) expect 0 bash -c "$command" ;;
+  esac
+}
+
+# The lines of the blocks, each behind its reason, or "run"; without comments, in whole lines.
+commands_of() {
+  awk '/^```/ { inside = /^```sh/; reason = NF > 1 ? $2 : "run"; next }
+    inside { sub(/ +#.*/, ""); sub(/^#.*/, ""); sub(/ +$/, "") }
+    inside && /\\$/ { line = line substr($0, 1, length($0) - 1); next }
+    inside && (line $0) != "" { print reason "\t" line $0; line = "" }' "$top/$1"
+}
+
+ran=0
+for document in "${documents[@]}"; do
+  folder=$work/${document//\//_}
+  cp -r "$work/fixtures" "$folder"
+  cd "$folder"
+  while IFS=$'\t' read -r reason command <&3; do
+    if [[ $reason != run ]]; then
+      [[ -n ${not_run[$reason]:-} ]] || fail "$document: no reason not to run a command: $reason"
+      not_run[$reason]=$((${not_run[$reason]} + 1))
+      continue
+    fi
+    # A command makes what others find there.
+    [[ $command != *" --out drive.splinemap"* ]] || rm -f drive.splinemap
+    begin=${EPOCHREALTIME/./}
+    run "$command"
+    ran=$((ran + 1))
+    (((${EPOCHREALTIME/./} - begin) < 5000000)) || echo "readme: more than 5 s: $command"
+  done 3< <(commands_of "$document")
+  cd "$work"
+done
+((ran > 40)) || fail "only $ran commands found"
+kill "$base"
+wait "$base" || fail "the base station failed: $(cat base.log)"
+echo "readme: $ran commands ran"
+for reason in "${!not_run[@]}"; do echo "readme: not run, $reason: ${not_run[$reason]}"; done

@@ -28,7 +28,7 @@ finish() {
   kill "$daemon"
   wait "$daemon" || fail "the daemon failed: $(cat daemon.log)"
   [[ $(jq .messages_received status.json) == "$messages" ]] || fail "received: $(cat status.json)"
-  expect 0 splinemap build "$log" --out offline.splinemap --name robot --scan LASER --pose POSE --force
+  expect 0 splinemap build "$log" offline.splinemap --name robot --scan LASER --pose POSE --force
   expect 0 splinemap diff live.splinemap offline.splinemap
   echo "$(basename "$log"): $messages messages, $(jq .scans_mapped status.json) scans mapped, $(cat out)"
 }
@@ -120,7 +120,7 @@ start
 splinemap info live.splinemap --json > before.json
 lcm-logplayer -s 10 recorded.lcmlog > player.log
 finish recorded.lcmlog
-splinemap build drive.lcmlog --out offline.splinemap --name robot --force 2> /dev/null
+splinemap build drive.lcmlog offline.splinemap --name robot --force 2> /dev/null
 expect 0 splinemap diff live.splinemap offline.splinemap
 expect 0 splinemap info live.splinemap --json
 identity='[.layers[] | [.name, .origin, .session_number]]'

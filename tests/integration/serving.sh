@@ -8,7 +8,7 @@ source "$1/tests/integration/support.sh" "$1"
 
 splinemap simulate office.lcmlog 2> /dev/null
 expect 1 splinemap snapshot none.splinemap --timeout 1
-expect_text "heard no map on SPLINEMAP_DIGESTS for 1 s; does splinemapd run on this bus?" err
+expect_text "no map was received on SPLINEMAP_DIGESTS in 1 s; is splinemapd on this bus?" err
 [[ ! -e none.splinemap ]] || fail "a snapshot of nothing"
 
 start_daemon() {
@@ -36,10 +36,14 @@ expect 0 splinemap snapshot part.splinemap --region=0,0,5,5
 expect 0 splinemap export part.splinemap part --format csv --region 0,0,5,5
 expect 0 splinemap export whole.splinemap whole --format csv --region 0,0,5,5
 cmp part.csv whole.csv || fail "a part is not what the whole has there"
+expect 2 splinemap snapshot part.splinemap --region 0,0,5,5
+expect_text "part.splinemap exists; --force replaces it" err
+expect 2 splinemap snapshot part.splinemap --region 0,0,5 --force
+expect_text "X0,Y0,X1,Y1" err
 expect 0 splinemap snapshot coarse.splinemap --level 3 --statistic max
 [[ $(splinemap info coarse.splinemap --json | jq .knot_interval_m) == 0.4 ]] || fail "not level 3"
 expect 2 splinemap snapshot coarse.splinemap --statistic max --force
-expect_text "add --level" err
+expect_text "--statistic max requires a --level above 0" err
 kill -INT "$logger"
 wait "$logger" || true
 
@@ -47,7 +51,7 @@ wait "$logger" || true
 expect 0 splinemap snapshot logged.splinemap --log recorded.lcmlog
 expect 0 splinemap diff whole.splinemap logged.splinemap
 expect 1 splinemap snapshot none.splinemap --log office.lcmlog
-expect_text "nothing is on SPLINEMAP_DIGESTS" err
+expect_text "SPLINEMAP_DIGESTS has no messages" err
 
 # Its own messages from a log change nothing.
 lcm-logplayer -s 50 --regexp='SPLINEMAP_.*' recorded.lcmlog > /dev/null
@@ -57,7 +61,7 @@ expect 0 splinemap diff live.splinemap whole.splinemap
 expect 0 splinemap diff live.splinemap again.splinemap
 expect 0 splinemap info growing.splinemap
 
-# The next life of the daemon has the same map. What the one before said, replayed, does no harm.
+# The next session of the daemon has the same map. Replayed messages of the last one do no harm.
 start_daemon
 expect 0 splinemap snapshot next.splinemap
 lcm-logplayer -s 50 --regexp='SPLINEMAP_.*' recorded.lcmlog > /dev/null
@@ -82,7 +86,7 @@ expect 0 splinemap render live.splinemap live.png
 expect 0 splinemap render next.splinemap next.png
 cmp live.png next.png || fail "the layer lost something on its way to another origin"
 
-# A daemon that begins again from an older copy of its file, while a follower knows later lives.
+# A daemon that begins again from an older copy of its file, while a follower knows later sessions.
 restore_copy() {
   rm -f live.splinemap*
   cp next.splinemap live.splinemap

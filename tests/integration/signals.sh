@@ -18,7 +18,7 @@ waypoint { x_m: -1 } waypoint { x_m: 1 }
 END
 splinemap simulate room.world room.lcmlog 2> /dev/null
 
-scans_in_file() { jq '.layers[0].scans' <(splinemap info live.splinemap --json); }
+commits_in_file() { jq '.layers[0].commits' <(splinemap info live.splinemap --json); }
 mapped() { splinemap watch --once --json --timeout 2 | jq .revision; }
 # drive: what the robot's drive adds to the map is there.
 drive() {
@@ -37,9 +37,9 @@ start() {
 # ends_saved: the daemon is ending, and nothing that it has mapped is lost.
 ends_saved() {
   wait "$daemon" || fail "$1: status $?; $(cat daemon.log)"
-  [[ $(scans_in_file) == $(grep -o 'mapped [0-9]*' daemon.log | cut -d' ' -f2) ]] ||
-    fail "$1: $(scans_in_file) scans are saved; $(cat daemon.log)"
-  (($(scans_in_file) > 5)) || fail "$1: nothing was mapped"
+  [[ $(commits_in_file) == $(grep -o 'mapped [0-9]*' daemon.log | cut -d' ' -f2) ]] ||
+    fail "$1: $(commits_in_file) scans are saved; $(cat daemon.log)"
+  (($(commits_in_file) > 5)) || fail "$1: nothing was mapped"
 }
 
 # Each signal that can be sent and caught.
@@ -69,7 +69,7 @@ done
 # SIGHUP saves, and mapping goes on.
 start
 kill -s HUP "$daemon"
-await bash -c '(($(jq ".layers[0].scans" <(splinemap info live.splinemap --json)) > 5))'
+await bash -c '(($(jq ".layers[0].commits" <(splinemap info live.splinemap --json)) > 5))'
 drive
 # Who is impatient loses nothing.
 for _ in {1..20}; do
@@ -101,7 +101,7 @@ kill -s HUP "$daemon"
 drive
 kill "$daemon"
 wait "$daemon" || fail "a log without a reader: status $?"
-(($(scans_in_file) > before)) || fail "a log without a reader: $(scans_in_file) scans are saved"
+(($(commits_in_file) > before)) || fail "a log without a reader: $(commits_in_file) scans are saved"
 
 # A terminal that is gone, with everything in it.
 rm -f live.splinemap*
@@ -120,4 +120,4 @@ drive
 daemon=$(cat pid)
 kill "$daemon"
 await bash -c "! kill -0 $daemon"
-(($(scans_in_file) > before)) || fail "a terminal that is gone: $(scans_in_file) scans are saved"
+(($(commits_in_file) > before)) || fail "a terminal that is gone: $(commits_in_file) scans are saved"

@@ -124,8 +124,7 @@ same() {  # A B
 }
 layer_hash() { splinemap layers "$1" --json | jq -r ".[] | select(.name == \"$2\") | .hash"; }
 snapshot() { expect 0 on client splinemap snapshot "$@" --timeout 40; }
-# Whoever is heard decides.
-control() { expect 0 on client splinemap control "$@"; }
+change_layer() { expect 0 on client splinemap layer "$1" --live "${@:2}"; }  # COMMAND LAYER [I J]
 
 robots=(robot-{1..5})
 for name in "${robots[@]}" base client; do make_computer "$name" $loss_percent; done
@@ -194,7 +193,7 @@ same merged.splinemap client.splinemap
 same merged.splinemap base.splinemap
 [[ $(splinemap layers merged.splinemap --json | jq length) == 5 ]] || fail "layers: $(hashes merged.splinemap)"
 for k in 1 2 3; do  # which saw all of their parts
-  expect 0 splinemap build "part_$k.lcmlog" -o "alone_$k.splinemap" --name "robot-$k" --scan LASER --pose POSE
+  expect 0 splinemap build "part_$k.lcmlog" "alone_$k.splinemap" --name "robot-$k" --scan LASER --pose POSE
   [[ $(layer_hash merged.splinemap "robot-$k") == "$(layer_hash "alone_$k.splinemap" "robot-$k")" ]] ||
     fail "the layer of robot-$k is not what it has seen: $(hashes merged.splinemap)"
 done
@@ -202,33 +201,33 @@ done
 # --- one of five is removed while its robot is away
 expect 0 splinemap merge alone_{1..4}.splinemap -o four.splinemap
 stop robot-5
-control remove robot-5
+change_layer remove robot-5
 row "robot-5 is removed, away"
 snapshot without.splinemap
 expect 0 splinemap diff four.splinemap without.splinemap
 
 # --- one is muted, one that left is shifted; the removed one and one that missed it come back
 stop robot-4
-control mute robot-1
-control shift robot-2 7 -40
+change_layer mute robot-1
+change_layer shift robot-2 7 -40
 start robot-{2,4,5}
 row "muted, shifted; robots 2, 4, 5 come back"
 grep -q "removed the layer robot-5; it goes on empty" robot-5.log ||
   [[ $(splinemap layers robot-5.splinemap --json | jq '[.[] | select(.name == "robot-5") | .tiles] | add') == 0 ]] ||
   fail "robot-5 is not empty"
-expect 0 decide four.splinemap robot-1 muted
-expect 0 decide four.splinemap robot-2 7 -40
-snapshot decided.splinemap
-expect 0 splinemap diff four.splinemap decided.splinemap
-for map in four decided; do splinemap export $map.splinemap $map --format csv 2> /dev/null; done
-cmp four.csv decided.csv || fail "the decided map is another"
+expect 0 splinemap layer mute four.splinemap robot-1 --out muted.splinemap
+expect 0 splinemap layer shift muted.splinemap robot-2 7 -40 --out changed.splinemap
+snapshot live.splinemap
+expect 0 splinemap diff changed.splinemap live.splinemap
+for map in changed live; do splinemap export $map.splinemap $map --format csv 2> /dev/null; done
+cmp changed.csv live.csv || fail "the map with changed settings is another"
 
 # --- the removed robot maps anew
 if [[ -z $quick ]]; then
   play robot-5
   wait "${player[robot-5]}"
   row "robot-5 maps anew"
-  expect 0 splinemap build part_5.lcmlog -o alone_5.splinemap --name robot-5 --scan LASER --pose POSE
+  expect 0 splinemap build part_5.lcmlog alone_5.splinemap --name robot-5 --scan LASER --pose POSE
 fi
 
 snapshot last.splinemap

@@ -45,7 +45,7 @@ EOT
   splinemap simulate "${world[@]}" "$log" 2> /dev/null
 fi
 inputs=(--scan LASER --pose POSE)
-expect 0 splinemap build "$log" --out quiet.splinemap --name robot "${inputs[@]}"
+expect 0 splinemap build "$log" quiet.splinemap --name robot "${inputs[@]}"
 
 splinemapd --map live.splinemap --name robot "${inputs[@]}" 2> daemon.log &
 daemon=$!

@@ -13,8 +13,8 @@
 #include <vector>
 
 #include "lib/base/status.h"
-#include "lib/replica/map_replica.h"
-#include "lib/store/map_file.h"
+#include "splinemap/file.h"
+#include "splinemap/replica.h"
 
 namespace splinemap {
 namespace {

@@ -39,7 +39,7 @@ EOT
 
 # Layers with tiles, alike for all daemons that there should be?
 are_alike() {
-  splinemap layers --live --json --wait 2.2 | jq -e --argjson daemons $((robots + 1)) --argjson robots "$robots" '
+  splinemap layers --live --json --timeout 2.2 | jq -e --argjson daemons $((robots + 1)) --argjson robots "$robots" '
     [.[].layers | map(select(.tiles > 0) | [.name, .session_number, .hash]) | sort] |
     length == $daemons and (unique | length == 1 and (.[0] | length) == $robots)'
 }
@@ -56,7 +56,7 @@ for share in "${shares[@]}"; do
   for ((k = 1; k <= robots; ++k)); do
     parts+=("part_$k.lcmlog")
     built+=("built_$k.splinemap")
-    expect 0 splinemap build "part_$k.lcmlog" --out "built_$k.splinemap" --name "robot-$k"
+    expect 0 splinemap build "part_$k.lcmlog" "built_$k.splinemap" --name "robot-$k"
     splinemapd --scan "LASER_$k" --pose POSE --name "robot-$k" --follow 'robot-*' \
       --map "robot_$k.splinemap" 2> "robot_$k.log" &
     daemons+=($!)
@@ -75,8 +75,8 @@ for share in "${shares[@]}"; do
   wait "${daemons[@]}" || fail "$share: a daemon failed"
   expect 0 splinemap merge "${built[@]}" -o offline.splinemap
   for file in base client robot_{1..2}; do
-    expect 0 splinemap flatten "$file.splinemap" -o flat.splinemap --name flat --force
-    expect 0 splinemap flatten offline.splinemap -o offline_flat.splinemap --name flat --force
+    expect 0 splinemap flatten "$file.splinemap" flat.splinemap --name flat --force
+    expect 0 splinemap flatten offline.splinemap offline_flat.splinemap --name flat --force
     expect 0 splinemap diff flat.splinemap offline_flat.splinemap
   done
   expect 0 splinemap diff base.splinemap client.splinemap

@@ -1,8 +1,11 @@
 #include "tests/support/honest_owner.h"
 
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_settings_t.hpp"
-#include "lib/layers/layer_settings.h"
+#include "lcmtypes/splinemap/settings_t.hpp"
 #include "lib/tiles/tile_codec.h"
+#include "splinemap/layer_settings.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap {

@@ -8,11 +8,11 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "lib/layers/layer_set.h"
 #include "lib/replication/byte_budget.h"
 #include "lib/replication/pyramid_publisher.h"
 #include "lib/replication/replication_message.h"
 #include "lib/replication/session_guard.h"
+#include "splinemap/layer_set.h"
 
 namespace splinemap {
 

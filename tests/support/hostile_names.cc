@@ -16,10 +16,10 @@
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/logs/lcm_log.h"
-#include "lib/store/map_file.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "lib/wire/lcm_bus.h"
+#include "splinemap/file.h"
 #include "tests/support/map_writer.h"
 
 namespace splinemap {

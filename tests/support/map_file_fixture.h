@@ -6,8 +6,8 @@
 #include <string>
 #include <utility>
 
-#include "lib/layers/layer_set.h"
 #include "lib/map/summed_layers.h"
+#include "splinemap/layer_set.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/temporary_directory.h"
 

@@ -6,11 +6,11 @@
 #include <optional>
 #include <utility>
 
-#include "lib/layers/layer.h"
-#include "lib/layers/layer_set.h"
-#include "lib/layers/layer_settings.h"
-#include "lib/map/map_view.h"
 #include "lib/map/summed_layers.h"
+#include "splinemap/layer.h"
+#include "splinemap/layer_set.h"
+#include "splinemap/layer_settings.h"
+#include "splinemap/map_view.h"
 
 namespace splinemap {
 

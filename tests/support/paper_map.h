@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lib/sensing/scan.h"
+#include "splinemap/scan.h"
 #include "tests/support/sparse_grid.h"
 
 namespace splinemap {

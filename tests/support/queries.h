@@ -4,8 +4,8 @@
 #include <memory>
 #include <random>
 
-#include "lib/map/map_view.h"
-#include "lib/query/queries.h"
+#include "splinemap/map_view.h"
+#include "splinemap/queries.h"
 
 namespace splinemap {
 

@@ -4,8 +4,8 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "lib/geometry/pose2.h"
-#include "lib/sensing/scan.h"
+#include "splinemap/pose2.h"
+#include "splinemap/scan.h"
 
 namespace splinemap {
 

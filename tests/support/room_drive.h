@@ -2,7 +2,7 @@
 
 #include "absl/functional/function_ref.h"
 #include "lib/sensing/pose_buffer.h"
-#include "lib/sensing/scan.h"
+#include "splinemap/scan.h"
 
 namespace splinemap {
 

@@ -5,7 +5,7 @@
 #include <memory>
 
 #include "absl/container/flat_hash_map.h"
-#include "lib/tiles/tile.h"
+#include "splinemap/tile.h"
 
 namespace splinemap {
 

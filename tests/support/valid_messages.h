@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "lib/layers/layer_set.h"
+#include "splinemap/layer_set.h"
 
 namespace splinemap {
 

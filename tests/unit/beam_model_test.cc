@@ -8,8 +8,8 @@
 #include <random>
 #include <vector>
 
-#include "lib/map/map_view.h"
 #include "lib/spline/basis.h"
+#include "splinemap/map_view.h"
 #include "tests/support/map_writer.h"
 
 namespace splinemap::beam_model_test {

@@ -26,9 +26,9 @@
 #include "lcmtypes/splinemap/sweep_t.hpp"
 #include "lcmtypes/splinemap/sweeps_request_t.hpp"
 #include "lcmtypes/splinemap/tile_update_t.hpp"
-#include "lib/layers/layer.h"
 #include "lib/wire/encode.h"
 #include "lib/wire/sensor_messages.h"
+#include "splinemap/layer.h"
 
 // Sees what decoding allocates.
 static size_t largest_allocation = 0;

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "lib/query/footprint.h"
-#include "lib/query/local_map.h"
 #include "lib/query/obstacle_search.h"
+#include "splinemap/local_map.h"
 #include "tests/support/map_writer.h"
 
 namespace splinemap::distance_field_test {

@@ -135,6 +135,7 @@ TEST(NewFileTest, WhatALivingProcessMakesStays) {
 
 TEST(NewFileTest, SignalsThatEndAProcessRemoveWhatItWasMaking) {
   for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
+    std::signal(signal, SIG_DFL);  // a job in the background of a shell ignores some
     const TemporaryDirectory directory;
     const pid_t child = StartWriter(directory.File("map"), [] {
       while (true) pause();

@@ -8,10 +8,10 @@
 #include <vector>
 
 #include "lib/map/map_changes.h"
-#include "lib/map/map_view.h"
 #include "lib/map/summed_layers.h"
 #include "lib/tiles/coarser_tile.h"
-#include "lib/tiles/region.h"
+#include "splinemap/map_view.h"
+#include "splinemap/region.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"
 

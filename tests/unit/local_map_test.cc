@@ -1,4 +1,4 @@
-#include "lib/query/local_map.h"
+#include "splinemap/local_map.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,3 @@
-#include "lib/store/map_file.h"
-
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <gtest/gtest.h>
 #include <sys/wait.h>
@@ -16,6 +14,7 @@
 #include "lib/base/status.h"
 #include "lib/store/records.pb.h"
 #include "lib/tiles/tile_codec.h"
+#include "splinemap/file.h"
 #include "tests/support/map_file_fixture.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"

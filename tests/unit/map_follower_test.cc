@@ -10,9 +10,9 @@
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_settings_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
-#include "lib/map/map_view.h"
 #include "lib/replication/pyramid_publisher.h"
 #include "lib/wire/encode.h"
+#include "splinemap/map_view.h"
 #include "tests/support/map_writer.h"
 
 namespace splinemap::map_follower_test {

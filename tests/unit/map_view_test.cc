@@ -1,4 +1,4 @@
-#include "lib/map/map_view.h"
+#include "splinemap/map_view.h"
 
 #include <gtest/gtest.h>
 

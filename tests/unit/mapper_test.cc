@@ -7,8 +7,8 @@
 
 #include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
-#include "lib/map/map_view.h"
 #include "lib/wire/encode.h"
+#include "splinemap/map_view.h"
 #include "tests/support/map_writer.h"
 
 namespace splinemap::mapper_test {

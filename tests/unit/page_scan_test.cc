@@ -10,7 +10,7 @@
 #include <set>
 
 #include "lib/base/status.h"
-#include "lib/store/map_file.h"
+#include "splinemap/file.h"
 #include "tests/support/map_file_fixture.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"

@@ -14,9 +14,9 @@
 
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lib/pipeline/mapper.h"
-#include "lib/store/map_file.h"
 #include "lib/wire/encode.h"
 #include "services/splinemapd/daemon.h"
+#include "splinemap/file.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/raw_message.h"
 #include "tests/support/temporary_directory.h"

@@ -11,9 +11,9 @@
 #include "lcmtypes/splinemap/reply_t.hpp"
 #include "lib/base/clock.h"
 #include "lib/client/pending_query.h"
-#include "lib/query/local_map.h"
 #include "lib/rpc/answer.h"
 #include "lib/wire/decode.h"
+#include "splinemap/local_map.h"
 #include "tests/support/queries.h"
 
 namespace splinemap::request_flow_test {

@@ -6,6 +6,7 @@
 
 #include "lcmtypes/splinemap/command_reply_t.hpp"
 #include "lcmtypes/splinemap/command_request_t.hpp"
+#include "lcmtypes/splinemap/reply_t.hpp"
 #include "lib/rpc/messages.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"

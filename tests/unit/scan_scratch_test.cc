@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "lib/map/map_view.h"
+#include "splinemap/map_view.h"
 
 namespace splinemap::scan_scratch_test {
 

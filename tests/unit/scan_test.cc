@@ -1,4 +1,4 @@
-#include "lib/sensing/scan.h"
+#include "splinemap/scan.h"
 
 #include <gtest/gtest.h>
 

@@ -5,6 +5,9 @@
 #include <optional>
 #include <string>
 
+#include "lcmtypes/splinemap/layer_settings_t.hpp"
+#include "lcmtypes/splinemap/settings_t.hpp"
+
 namespace splinemap::settings_gossip_test {
 
 using std::chrono::milliseconds;

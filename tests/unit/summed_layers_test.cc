@@ -8,9 +8,9 @@
 #include <random>
 #include <vector>
 
-#include "lib/layers/layer_set.h"
 #include "lib/map/map_changes.h"
-#include "lib/map/map_view.h"
+#include "splinemap/layer_set.h"
+#include "splinemap/map_view.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap::summed_layers_test {

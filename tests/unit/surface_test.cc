@@ -1,4 +1,4 @@
-#include "lib/spline/surface.h"
+#include "splinemap/surface.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <random>
 #include <unsupported/Eigen/Splines>
 
-#include "lib/map/map_view.h"
+#include "splinemap/map_view.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"
 

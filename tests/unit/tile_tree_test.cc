@@ -1,4 +1,4 @@
-#include "lib/tiles/tile_tree.h"
+#include "splinemap/tile_tree.h"
 
 #include <gtest/gtest.h>
 

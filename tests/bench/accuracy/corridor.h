@@ -4,7 +4,7 @@
 #include <random>
 #include <vector>
 
-#include "lib/sensing/scan.h"
+#include "splinemap/scan.h"
 
 namespace splinemap {
 

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <random>
 
-#include "lib/spline/surface.h"
+#include "splinemap/surface.h"
 #include "tests/bench/accuracy/gp_map.h"
 #include "tests/bench/accuracy/rooms.h"
 #include "tests/bench/accuracy/score.h"

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <cstddef>
 
-#include "lib/spline/surface.h"
+#include "splinemap/surface.h"
 
 namespace splinemap {
 namespace {

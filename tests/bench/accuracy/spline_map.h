@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "lib/map/map_view.h"
 #include "lib/mapping/beam_model.h"
+#include "splinemap/map_view.h"
 #include "tests/bench/accuracy/tested_map.h"
 
 namespace splinemap {

@@ -7,7 +7,7 @@
 #include <string>
 
 #include "absl/types/span.h"
-#include "lib/sensing/scan.h"
+#include "splinemap/scan.h"
 
 namespace splinemap {
 

@@ -18,7 +18,7 @@
 #include "lib/distance/distance_field.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
-#include "lib/query/local_map.h"
+#include "splinemap/local_map.h"
 #include "tests/bench/speed/workload.h"
 #include "tests/support/map_writer.h"
 

@@ -3,10 +3,10 @@
 #include <deque>
 
 #include "absl/types/span.h"
-#include "lib/layers/layer.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
-#include "lib/sensing/scan.h"
+#include "splinemap/layer.h"
+#include "splinemap/scan.h"
 #include "tests/bench/layers/scheme.h"
 
 namespace splinemap {

@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "lib/map/map_view.h"
-#include "lib/tiles/tile.h"
-#include "lib/tiles/tile_tree.h"
+#include "splinemap/map_view.h"
+#include "splinemap/tile.h"
+#include "splinemap/tile_tree.h"
 
 namespace splinemap {
 

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "lib/map/map_view.h"
+#include "splinemap/map_view.h"
 
 namespace splinemap::bench {
 

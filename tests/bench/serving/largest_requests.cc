@@ -9,8 +9,8 @@
 
 #include "fmt/format.h"
 #include "lib/base/clock.h"
-#include "lib/query/local_map.h"
 #include "lib/rpc/messages.h"
+#include "splinemap/local_map.h"
 #include "tests/support/map_writer.h"
 
 namespace splinemap::bench {

@@ -8,14 +8,14 @@
 #include <thread>
 
 #include "lib/base/status.h"
-#include "lib/client/map_client.h"
 #include "lib/pipeline/mapper.h"
-#include "lib/query/local_map.h"
-#include "lib/replica/map_replica.h"
 #include "lib/rpc/messages.h"
 #include "lib/simulation/simulation.h"
 #include "lib/wire/encode.h"
 #include "lib/wire/lcm_bus.h"
+#include "splinemap/client.h"
+#include "splinemap/local_map.h"
+#include "splinemap/replica.h"
 #include "tests/support/child_process.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/raw_message.h"

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "lib/map/map_view.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
+#include "splinemap/map_view.h"
 #include "tests/bench/speed/workload.h"
 #include "tests/support/map_writer.h"
 

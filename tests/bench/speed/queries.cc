@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "absl/types/span.h"
-#include "lib/map/map_view.h"
+#include "splinemap/map_view.h"
 #include "tests/bench/speed/benchmarks.h"
 #include "tests/bench/speed/tile_square.h"
 #include "tests/support/map_writer.h"

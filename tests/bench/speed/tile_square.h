@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lib/layers/layer.h"
+#include "splinemap/layer.h"
 
 namespace splinemap::bench {
 

@@ -12,9 +12,9 @@
 #include <thread>
 
 #include "lib/layers/layer_union.h"
-#include "lib/store/map_file.h"
 #include "lib/store/records.pb.h"
 #include "services/splinemapd/daemon.h"
+#include "splinemap/file.h"
 #include "tests/integration/field_walk/variants.h"
 #include "tests/support/extremes.h"
 #include "tests/support/map_writer.h"
@@ -250,6 +250,8 @@ class FileWalkTest : public testing::Test {
     return record.SerializeAsString();
   }
 
+  static constexpr size_t kEveryNth = 3;  // value, the next of a field begins at another one
+
   template <typename Record>
   void WalkRecord(const std::string& table, int64_t row) {
     const std::string where = fmt::format(" WHERE id = {}", row);
@@ -263,6 +265,8 @@ class FileWalkTest : public testing::Test {
       std::vector<Setter> setters;
       AddSetters(record, "", setters);
       if (k >= setters.size()) break;
+      // Each value is a file that is written. By hand, with SPLINEMAP_WALK_PAIRS, all of them.
+      if (k % kEveryNth != 0 && PairsOfValues() == 0) continue;
       setters[k].set();
       const bool is_sealed = setters[k].field == "checksum";
       const std::string bytes = is_sealed ? record.SerializeAsString() : Sealed(record);

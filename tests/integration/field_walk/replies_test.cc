@@ -11,10 +11,10 @@
 #include "lib/base/clock.h"
 #include "lib/client/pending_query.h"
 #include "lib/client/request_flow.h"
-#include "lib/query/local_map.h"
 #include "lib/rpc/answer.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
+#include "splinemap/local_map.h"
 #include "tests/integration/field_walk/variants.h"
 #include "tests/support/queries.h"
 

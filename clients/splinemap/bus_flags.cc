@@ -1,0 +1,38 @@
+#include "clients/splinemap/bus_flags.h"
+
+#include <CLI/App.hpp>
+
+#include "fmt/format.h"
+
+namespace splinemap {
+
+std::chrono::milliseconds BusFlags::Timeout() const {
+  return std::chrono::ceil<std::chrono::milliseconds>(std::chrono::duration<double>(timeout_s));
+}
+
+void RequireLive(CLI::Option* option, CLI::Option* live) {
+  if (live != nullptr) option->needs(live)->group("With --live");
+}
+
+void AddLcmUrlFlag(CLI::App& command, std::string& lcm_url, CLI::Option* live) {
+  RequireLive(command.add_option("--lcm-url", lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
+                  ->type_name("URL"),
+              live);
+}
+
+void AddBusFlags(CLI::App& command, BusFlags& flags, CLI::Option* live) {
+  AddLcmUrlFlag(command, flags.lcm_url, live);
+  RequireLive(command.add_option("--prefix", flags.channel_prefix, "channel_prefix of the daemons"),
+              live);
+}
+
+void AddTimeoutFlag(CLI::App& command, BusFlags& flags, CLI::Option* live) {
+  RequireLive(
+      command
+          .add_option("--timeout", flags.timeout_s,
+                      fmt::format("s to wait for the daemons (default {:g})", flags.timeout_s))
+          ->check(CLI::Range(0.01, 1e6)),
+      live);
+}
+
+}  // namespace splinemap

@@ -1,0 +1,202 @@
+#include <CLI/App.hpp>
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "absl/strings/numbers.h"
+#include "clients/splinemap/commands.h"
+#include "clients/splinemap/files.h"
+#include "clients/splinemap/layer_name.h"
+#include "clients/splinemap/live_layers.h"
+#include "clients/splinemap/map_source.h"
+#include "clients/splinemap/print.h"
+#include "lcmtypes/splinemap/layer_status_t.hpp"
+#include "lib/base/random.h"
+#include "lib/base/status.h"
+#include "lib/layers/layer_edits.h"
+#include "lib/map/summed_layers.h"
+#include "splinemap/client.h"
+#include "splinemap/file.h"
+
+namespace splinemap {
+namespace {
+
+struct LayerFlags {
+  LayerCommand command = LayerCommand::kMute;
+  MapSourceFlags source;
+  Output output;
+  bool accepts_corrupt = false;
+};
+
+// What the positionals after the map are.
+struct LayerArguments {
+  std::vector<std::string> layers;
+  KnotShift shift;  // of kShift
+};
+
+absl::StatusOr<LayerArguments> ParseArguments(const LayerFlags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto words, ArgumentsAfterMap(flags.source));
+  LayerArguments arguments{{words.begin(), words.end()}, {}};
+  if (flags.command == LayerCommand::kShift) {
+    std::vector<std::string>& layers = arguments.layers;
+    const size_t size = layers.size();
+    if (size < 3 || !absl::SimpleAtoi(layers[size - 2], &arguments.shift.i) ||
+        !absl::SimpleAtoi(layers[size - 1], &arguments.shift.j)) {
+      return InvalidArgument("give the layer, then whole knot intervals along x and y");
+    }
+    layers.resize(size - 2);
+  }
+  if (arguments.layers.empty()) return InvalidArgument("give the layer to change");
+  return arguments;
+}
+
+absl::Status Change(const LayerFlags& flags, const LayerArguments& arguments, const LayerId& id,
+                    LayerSet& set) {
+  LayerSettings settings = set.settings.Next(id, RandomId());
+  switch (flags.command) {
+    case LayerCommand::kMute:
+    case LayerCommand::kUnmute:
+      settings.muted = flags.command == LayerCommand::kMute;
+      break;
+    case LayerCommand::kLowWeight:
+    case LayerCommand::kNormalWeight:
+      settings.low_weight = flags.command == LayerCommand::kLowWeight;
+      break;
+    case LayerCommand::kShift:
+      settings.shift = arguments.shift;
+      break;
+    case LayerCommand::kRemove: {
+      SPLINEMAP_ASSIGN_OR_RETURN(set, WithoutLayers(set, {id}, RandomId()));
+      return absl::OkStatus();
+    }
+  }
+  if (!settings.IsValid()) {
+    return InvalidArgument("a layer can be shifted by {} knots at most", KnotShift::kMax);
+  }
+  if (!set.settings.Merge(id, settings)) {
+    return FailedPrecondition("the map has no room for settings of another layer");
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<int> ChangeFile(const LayerFlags& flags, const LayerArguments& arguments) {
+  const std::string& map = flags.source.arguments.front();
+  if (flags.output.path.empty()) return InvalidArgument("give the map file to write with --out");
+  SPLINEMAP_RETURN_IF_ERROR(CheckMapOutput(flags.output, {map}));
+  SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadInput(map, flags.accepts_corrupt));
+  std::vector<LayerId> candidates;
+  for (const LayerSnapshot& layer : loaded.set.layers) candidates.push_back(layer.id);
+  std::vector<LayerId> found;
+  for (const std::string& text : arguments.layers) {
+    SPLINEMAP_ASSIGN_OR_RETURN(found.emplace_back(), FindLayer(candidates, text, map));
+  }
+  for (const LayerId& id : found) {
+    SPLINEMAP_RETURN_IF_ERROR(Change(flags, arguments, id, loaded.set));
+    PrintLine(stderr, "{} {}", NameOf(flags.command), NameOf(id));
+  }
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs(loaded.set, flags.output.path));
+  PrintLine(stderr, "{} layers, {} tiles in {}", loaded.set.layers.size(),
+            ViewOf(loaded.set)->tiles.size(), flags.output.path);
+  return loaded.corruption.empty() ? kSuccess : kFailed;
+}
+
+struct LiveLayer {
+  std::string daemon;  // one that has the layer
+  LayerId id;
+  uint64_t session_number = 0;
+};
+
+absl::StatusOr<std::vector<LiveLayer>> ReceiveNamedLayers(const LayerFlags& flags,
+                                                          const LayerArguments& arguments) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<layers_t> daemons,
+                             ReceiveLayers(flags.source.bus, flags.source.robot));
+  std::map<LayerId, LiveLayer> received;
+  for (const layers_t& daemon : daemons) {
+    for (const layer_status_t& layer : daemon.layers) {
+      const LayerId id{layer.settings.name, static_cast<uint64_t>(layer.settings.origin)};
+      if (layer.state == "removed") continue;
+      received.try_emplace(id, daemon.name, id, static_cast<uint64_t>(layer.session_number));
+    }
+  }
+  std::vector<LayerId> candidates;
+  for (const auto& [id, layer] : received) candidates.push_back(id);
+  const std::string where =
+      flags.source.robot.empty() ? "the bus" : "the daemon of " + flags.source.robot;
+  std::vector<LiveLayer> found;
+  for (const std::string& text : arguments.layers) {
+    SPLINEMAP_ASSIGN_OR_RETURN(const LayerId id, FindLayer(candidates, text, where));
+    found.push_back(received.at(id));
+  }
+  return found;
+}
+
+absl::StatusOr<int> ChangeLive(const LayerFlags& flags, const LayerArguments& arguments) {
+  absl::StatusOr<std::vector<LiveLayer>> layers = ReceiveNamedLayers(flags, arguments);
+  // Messages may be lost.
+  for (int n = 0; n < 3 && !layers.ok(); ++n) layers = ReceiveNamedLayers(flags, arguments);
+  SPLINEMAP_RETURN_IF_ERROR(layers.status());
+  for (const LiveLayer& layer : *layers) {
+    ClientOptions options;
+    options.channel_prefix = flags.source.bus.channel_prefix;
+    options.robot = layer.daemon;
+    SPLINEMAP_ASSIGN_OR_RETURN(const auto client,
+                               MapClient::Connect(flags.source.bus.lcm_url, options));
+    SPLINEMAP_RETURN_IF_ERROR(
+        client->Set({flags.command, layer.id, layer.session_number, arguments.shift}));
+    PrintLine(stderr, "{} {}: saved by the daemon of {}; the others follow within 2 s",
+              NameOf(flags.command), NameOf(layer.id), layer.daemon);
+  }
+  return kSuccess;
+}
+
+absl::StatusOr<int> ChangeLayer(const LayerFlags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const LayerArguments arguments, ParseArguments(flags));
+  return flags.source.live ? ChangeLive(flags, arguments) : ChangeFile(flags, arguments);
+}
+
+constexpr const char* kLayerExamples = R"(
+Examples:
+  splinemap layer mute --live robot-3
+  splinemap layer shift --live robot-3 40 -2       40 knots along x and -2 along y from its own frame
+  splinemap layer low-weight --live robot-3@5f20   counts less than the others, since its robot left
+  splinemap layer remove fleet.splinemap robot-3 robot-4 --out without.splinemap
+
+With --live every daemon and client on the bus applies the settings, and those that are offline when
+they return. With MAP the command writes a changed copy. A removed layer is deleted for good, from
+the disk of its robot too, and merging with an older file does not restore it. A layer is given as
+NAME, or as NAME@ORIGIN, of which the first digits suffice; splinemap layers lists them.)";
+
+constexpr const char* kLayerCommandExamples = R"(
+Examples:
+  splinemap layer {0} --live robot-3{1}
+  splinemap layer {0} fleet.splinemap robot-3@5f20{1} --out changed.splinemap
+
+splinemap layer --help explains the settings.)";
+
+void AddLayerCommand(CLI::App& parent, const LayerCommandText& text, Command& chosen) {
+  auto flags = std::make_shared<LayerFlags>();
+  flags->command = text.command;
+  const bool is_shift = text.command == LayerCommand::kShift;
+  CLI::App* command = parent.add_subcommand(text.name, text.what);
+  command->footer(fmt::format(kLayerCommandExamples, text.name, is_shift ? " 40 -2" : ""));
+  AddMapSource(*command, is_shift ? "MAP LAYER I J" : "MAP LAYER",
+               is_shift ? "the layer, and knot intervals along x and y" : "the layer, or several",
+               flags->source);
+  AddOutOption(*command, "Map file to write; required with MAP", flags->output)
+      ->excludes(command->get_option("--live"));
+  AddCorruptFlag(*command, flags->accepts_corrupt);
+  command->callback([flags, &chosen] { chosen = [flags] { return ChangeLayer(*flags); }; });
+}
+
+}  // namespace
+
+void AddLayer(CLI::App& app, Command& chosen) {
+  CLI::App* layer = app.add_subcommand("layer", "Change the settings of a layer, or remove it");
+  layer->footer(kLayerExamples);
+  layer->require_subcommand(1);
+  for (const LayerCommandText& text : kLayerCommands) AddLayerCommand(*layer, text, chosen);
+}
+
+}  // namespace splinemap

@@ -1,0 +1,61 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "splinemap/layer.h"
+#include "splinemap/level_of_detail.h"
+#include "splinemap/region.h"
+
+namespace splinemap {
+
+// Which layers to follow, and what of them.
+struct FollowOptions {
+  std::string channel_prefix = "SPLINEMAP";
+  std::vector<std::string> names;  // of robots, or patterns with * ? [..]; empty: all
+  std::optional<Region> region;    // in the map frame; none: all of the map
+  // Coarser levels are made by the daemons while somebody follows them: smoothed values, or the
+  // least or greatest log-odds of the squares of 2^level x 2^level control points, so that
+  // obstacles stay. The knot interval of the copy is 2^level times the map's. Control point (i, j)
+  // stands for finer ones from (i, j) 2^level on. Shifts of layers are rounded to knots of the
+  // level.
+  LevelOfDetail level_of_detail;
+  // Whether settings about layers are taken from the bus, and passed on. Else those that were
+  // there at the beginning stay, and nobody on the bus can mute, shift or remove a layer here.
+  bool takes_settings = true;
+  // Of all layers together, 2 KiB each; what is beyond is left out, and layers are not in sync.
+  size_t max_tiles = size_t{1} << 20;
+};
+
+// What became of the messages of a layer.
+struct FollowCounts {
+  int64_t applied = 0;
+  int64_t stale = 0;        // doubled, late, or of an older session
+  int64_t unusable = 0;     // differences to what is not there, damaged ones, values that cannot be
+  int64_t disowned = 0;     // tiles that its owner did not list, dropped or fetched anew
+  int64_t foreign = 0;      // of another version of the protocol
+  int64_t asked_tiles = 0;  // losses, and what a late joiner lacks
+  int64_t asked_nodes = 0;
+};
+
+// A layer as a follower has it.
+struct FollowedLayer {
+  LayerId id;
+  SessionId session;
+  uint64_t revision = 0;  // of the digest with which it was in sync last
+  size_t tiles = 0;
+  uint64_t hash = 0;            // as in digests
+  bool matches_digest = false;  // to what was published at the last digest
+  bool caught_up = false;       // nothing of then is missing, and its owner or a proxy still speaks
+  // Since the digest with which it was in sync last, and of what that left out; infinity where
+  // there was none. What is shown is no older than that.
+  double staleness_ms = 0;
+  double heard_s_ago = -1;  // its owner; -1: not yet in this session
+  bool owner_is_silent = false;
+  FollowCounts counts;
+};
+
+}  // namespace splinemap
