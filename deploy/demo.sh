@@ -140,6 +140,8 @@ main() {
   flock --nonblock 9 || die "another demo is running in $out"
   # shellcheck source=deploy/packages.sh
   source "$top/deploy/packages.sh"
+  # shellcheck source=deploy/time_taken.sh
+  source "$top/deploy/time_taken.sh"
   install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" "${DEMO_PACKAGES[@]}"
   build
   log=$(prepare_log "$log")
@@ -161,6 +163,7 @@ main() {
   splinemap render "$out/demo.splinemap" "$out/map.png" --force 2> /dev/null
   splinemap info "$out/demo.splinemap"
   echo "The map: $out/map.png (and $out/demo.splinemap)"
+  print_time_taken deploy/demo.sh
 }
 
 if [[ ${1:-} == --play ]]; then

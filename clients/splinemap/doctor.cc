@@ -123,7 +123,7 @@ void PrintTrials(const Proposal& proposal) {
     if (trial.flags) {
       PrintLine(stdout, "{}{:>9.0f} {:>9.0f} {:>11.0f}{}", compared, trial.flags->spread_given,
                 trial.flags->spread, trial.flags->spread_flipped,
-                trial.flags->is_time_beyond ? "  more than a second apart?" : "");
+                trial.flags->is_time_beyond ? "  clocks may be more than 1 s apart" : "");
     } else {
       PrintLine(stdout, "{}not compared; the robot turned too little or has too few poses",
                 compared);

@@ -127,7 +127,7 @@ pixel belongs to the region that contains its centre; the lower and left edges a
            a probability of 0.65, free below 0.196, else unknown. --mode scale and raw: the
            probability in per cent; scale writes BASE.png, in which unknown is transparent.
   png      The picture of render, and BASE.pgw, a world file with its place.
-  csv      A line x_m,y_m,log_odds,probability,known for every pixel, from the lower left, x fastest.
+  csv      A line x_m,y_m,log_odds,probability,known per pixel, from the lower left, x fastest.
   geotiff  BASE.tif: log-odds of occupied as float32, NaN (nodata) where unknown, in metres of the
            map frame.)";
 

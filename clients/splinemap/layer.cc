@@ -159,14 +159,14 @@ absl::StatusOr<int> ChangeLayer(const LayerFlags& flags) {
 constexpr const char* kLayerExamples = R"(
 Examples:
   splinemap layer mute --live robot-3
-  splinemap layer shift --live robot-3 40 -2       40 knots along x and -2 along y from its own frame
-  splinemap layer low-weight --live robot-3@5f20   counts less than the others, since its robot left
+  splinemap layer shift --live robot-3 40 -2       40 knots along x, -2 along y, from its frame
+  splinemap layer low-weight --live robot-3@5f20   counts less than the others
   splinemap layer remove fleet.splinemap robot-3 robot-4 --out without.splinemap
 
-With --live every daemon and client on the bus applies the settings, and those that are offline when
-they return. With MAP the command writes a changed copy. A removed layer is deleted for good, from
-the disk of its robot too, and merging with an older file does not restore it. A layer is given as
-NAME, or as NAME@ORIGIN, of which the first digits suffice; splinemap layers lists them.)";
+With --live every daemon and client on the bus applies the settings, and those that are offline do
+so when they return. With MAP the command writes a changed copy. A removed layer is deleted for
+good, from the disk of its robot too, and merging with an older file does not restore it. A layer is
+given as NAME, or as NAME@ORIGIN, of which the first digits suffice; splinemap layers lists them.)";
 
 constexpr const char* kLayerCommandExamples = R"(
 Examples:

@@ -79,7 +79,7 @@ std::string LiveView::DaemonLines(Clock::time_point now) const {
   for (const auto& [nonce, daemon] : daemons_) {
     text += StatusLine(daemon.status) + fmt::format("; {:.1f} scans/s", daemon.scans_per_s);
     if (now - daemon.received > kSilent) {
-      text += fmt::format("; silent for {:.0f} s",
+      text += fmt::format("; no status for {:.0f} s",
                           std::chrono::duration<double>(now - daemon.received).count());
     }
     text += '\n';
@@ -101,7 +101,7 @@ std::string LiveView::LayerLines(double passed_s) {
     text += fmt::format("not followed: {}\n", PlainText(refused));
   }
   const int64_t bytes = replica_.BytesReceived();
-  text += fmt::format("{:.1f} kB/s received, {:.1f} MB in all\n",
+  text += fmt::format("{:.1f} kB/s received, {:.1f} MB in total\n",
                       static_cast<double>(bytes - bytes_) / passed_s / 1000,
                       static_cast<double>(bytes) / 1e6);
   bytes_ = bytes;

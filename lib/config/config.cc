@@ -75,6 +75,37 @@ ControlPoint ToControlPoint(double log_odds) {
   return static_cast<ControlPoint>(std::lround(log_odds * kUnitsPerLogOdds));
 }
 
+absl::Status CheckScan(const config::Scan& scan, double knot_interval_m) {
+  if (scan.channel().empty()) return InvalidArgument("a scan without a channel");
+  if (std::max(scan.channel().size(), scan.extrinsics_channel().size()) > kMaxChannelLength) {
+    return InvalidArgument("scan {}: LCM's channels have {} bytes at most", scan.channel(),
+                           kMaxChannelLength);
+  }
+  if (scan.range_min_m() >= scan.range_max_m()) {
+    return InvalidArgument("scan {}: range_min_m {} is not below range_max_m {}", scan.channel(),
+                           scan.range_min_m(), scan.range_max_m());
+  }
+  for (const std::string& mask : scan.mask()) {
+    if (const auto range = ParseMask(mask); !range.ok()) {
+      return InvalidArgument("scan {}: {}", scan.channel(), ErrorText(range.status()));
+    }
+  }
+  const double knots = scan.range_max_m() / knot_interval_m;
+  if (scan.has_extrinsics_channel() && scan.extrinsics_channel().empty()) {
+    return InvalidArgument("scan {}: extrinsics_channel is empty", scan.channel());
+  }
+  if (scan.has_extrinsics_channel() && (scan.has_x_m() || scan.has_y_m() || scan.has_yaw_deg())) {
+    return InvalidArgument("scan {}: either extrinsics_channel or x_m, y_m and yaw_deg",
+                           scan.channel());
+  }
+  if (knots > 4096) {
+    return InvalidArgument(
+        "scan {}: range_max_m {} is {:.0f} knot intervals of {} m; 4096 are the most",
+        scan.channel(), scan.range_max_m(), knots, knot_interval_m);
+  }
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 absl::StatusOr<config::Config> LoadConfig(const std::string& path) {
@@ -145,33 +176,7 @@ absl::Status CheckConfig(const config::Config& config) {
     if (!channels.insert(scan.channel()).second) {
       return InvalidArgument("channel {} is named twice", scan.channel());
     }
-    if (scan.channel().empty()) return InvalidArgument("a scan without a channel");
-    if (std::max(scan.channel().size(), scan.extrinsics_channel().size()) > kMaxChannelLength) {
-      return InvalidArgument("scan {}: LCM's channels have {} bytes at most", scan.channel(),
-                             kMaxChannelLength);
-    }
-    if (scan.range_min_m() >= scan.range_max_m()) {
-      return InvalidArgument("scan {}: range_min_m {} is not below range_max_m {}", scan.channel(),
-                             scan.range_min_m(), scan.range_max_m());
-    }
-    for (const std::string& mask : scan.mask()) {
-      if (const auto range = ParseMask(mask); !range.ok()) {
-        return InvalidArgument("scan {}: {}", scan.channel(), ErrorText(range.status()));
-      }
-    }
-    const double knots = scan.range_max_m() / config.method().knot_interval_m();
-    if (scan.has_extrinsics_channel() && scan.extrinsics_channel().empty()) {
-      return InvalidArgument("scan {}: extrinsics_channel is empty", scan.channel());
-    }
-    if (scan.has_extrinsics_channel() && (scan.has_x_m() || scan.has_y_m() || scan.has_yaw_deg())) {
-      return InvalidArgument("scan {}: either extrinsics_channel or x_m, y_m and yaw_deg",
-                             scan.channel());
-    }
-    if (knots > 4096) {
-      return InvalidArgument(
-          "scan {}: range_max_m {} is {:.0f} knot intervals of {} m; 4096 are the most",
-          scan.channel(), scan.range_max_m(), knots, config.method().knot_interval_m());
-    }
+    SPLINEMAP_RETURN_IF_ERROR(CheckScan(scan, config.method().knot_interval_m()));
   }
   // One transform may serve two scan channels.
   for (const config::Scan& scan : config.scan()) {

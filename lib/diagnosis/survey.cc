@@ -57,6 +57,12 @@ absl::Status CheckChannel(const Survey& survey, const std::string& name,
                          names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", ")));
 }
 
+// What the daemon reads, and what it says of itself.
+bool IsSurveyed(MessageType type) {
+  return IsScan(type) || IsPose(type) || type == MessageType::kRigidTransform ||
+         type == MessageType::kStatus;
+}
+
 }  // namespace
 
 void Survey::Add(Utime received, const std::string& name, absl::Span<const uint8_t> message) {
@@ -95,8 +101,9 @@ void Survey::Add(Utime received, const std::string& name, absl::Span<const uint8
 
 void Survey::SetType(Sighting& sighting, absl::Span<const uint8_t> message) {
   SurveyedChannel& channel = sighting.channel;
-  channel.type = TypeOf(message);
-  if (!channel.type) return;
+  const auto type = TypeOf(message);
+  if (!type || !IsSurveyed(*type)) return;  // it has a name at most
+  channel.type = type;
   if (channel.messages > 1) {
     channel.malformed = channel.messages - 1;
     channel.complaint = "it begins with messages of another type";

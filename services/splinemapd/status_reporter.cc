@@ -46,6 +46,7 @@ void StatusReporter::CheckHealth() {
   CheckLosses();
   CheckRequests();
   replication_ = parts_.replication.DrainReport();
+  CheckReplication(replication_);
   CheckLayers(replication_);
   CheckDuplicateNames();
 }
@@ -120,7 +121,7 @@ void StatusReporter::CheckRequests() {
   }
 }
 
-void StatusReporter::CheckLayers(const ReplicationThread::Report& report) {
+void StatusReporter::CheckReplication(const ReplicationThread::Report& report) {
   if (const int64_t more = Growth("malformed", report.malformed); more > 0) {
     parts_.notices.ReportProblem(
         Problem::kMalformedMessages, "layers",
@@ -136,6 +137,25 @@ void StatusReporter::CheckLayers(const ReplicationThread::Report& report) {
                     more),
         more);
   }
+  if (const int64_t more = Growth("refused settings", report.refused_settings); more > 0) {
+    parts_.notices.ReportProblem(
+        Problem::kRefusedSetting, "",
+        fmt::format(
+            "{} settings of layers were ignored that no splinemapd makes: their numbers are "
+            "beyond all that is known",
+            more),
+        more);
+  }
+  if (Growth("ignored settings", report.ignored_settings) > 0) {
+    parts_.notices.Report({.subject = "ignored settings",
+                           .text =
+                               "settings of layers are on the bus and ignored here because of "
+                               "--no-remote-commands; others may leave layers out, this robot's "
+                               "too"});
+  }
+}
+
+void StatusReporter::CheckLayers(const ReplicationThread::Report& report) {
   for (const std::string& refused : report.refused) {
     if (!reported_refused_.insert(refused).second) continue;
     parts_.notices.ReportProblem(Problem::kRefusedLayer, refused,
@@ -171,22 +191,6 @@ void StatusReporter::CheckLayers(const ReplicationThread::Report& report) {
                     more, layer.id.name, layer.id.name),
         more);
   }
-  if (const int64_t more = Growth("refused settings", report.refused_settings); more > 0) {
-    parts_.notices.ReportProblem(
-        Problem::kRefusedSetting, "",
-        fmt::format(
-            "{} settings of layers were ignored that no splinemapd makes: their numbers are "
-            "beyond all that is known",
-            more),
-        more);
-  }
-  if (Growth("ignored settings", report.ignored_settings) > 0) {
-    parts_.notices.Report({.subject = "ignored settings",
-                           .text =
-                               "settings of layers are on the bus and ignored here because of "
-                               "--no-remote-commands; others may leave layers out, this robot's "
-                               "too"});
-  }
 }
 
 void StatusReporter::CheckDuplicateNames() {
@@ -207,7 +211,7 @@ void StatusReporter::ReportDuplicateName(const LayerId& first, const LayerId& se
       fmt::format(
           "there are two layers named {}, of the origins {:016x} and {:016x}: two robots of "
           "that name, or an old map file. Followers of {} add up both; splinemap layers "
-          "shows them, splinemap control mutes or removes one",
+          "shows them, splinemap layer mutes or removes one",
           first.name, first.origin, second.origin, first.name));
 }
 

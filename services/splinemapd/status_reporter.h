@@ -50,6 +50,7 @@ class StatusReporter {
   void CheckSilence();
   void CheckLosses();
   void CheckRequests();
+  void CheckReplication(const ReplicationThread::Report& report);
   void CheckLayers(const ReplicationThread::Report& report);
   void CheckDuplicateNames();
   void ReportDuplicateName(const LayerId& first, const LayerId& second);

@@ -71,7 +71,7 @@ Layer Continue(const LayerSnapshot& last, const LayerSettings& settings, bool ta
                   .text = fmt::format(
                       "session {} and commit {} of {} leave no room to count on, so it continues "
                       "as another layer, origin {:016x}; followers that have the layer of origin "
-                      "{:016x} add up both: splinemap control removes it",
+                      "{:016x} add up both: splinemap layer remove removes it",
                       number, last.revision, last.id.name, fresh.id().origin, last.id.origin)});
   return fresh;
 }

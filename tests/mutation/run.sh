@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# run.sh [NAME..]: breaks each rule of the protocol of followers (lcmtypes/README.md), one at a time, in
+# run.sh [NAME..]: breaks each rule of the protocol of followers (lcmtypes/FOLLOWING.md), one at a time, in
 # a copy of the sources, and fails where the tests of the protocol do not notice. Some minutes.
 set -euo pipefail
 cd "$(dirname "$(readlink -f "$0")")/../.."

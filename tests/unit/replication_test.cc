@@ -280,7 +280,7 @@ class World {
   int64_t tiles_sent_ = 0;
 };
 
-// The example in bytes of lcmtypes/README.md.
+// The example in bytes of lcmtypes/FOLLOWING.md.
 TEST(ReplicationTest, TheDocumentedUpdateIsRead) {
   const std::string message = absl::HexStringToBytes(
       "b53cd98dd48a039599aabbccddeeff0000000006726f626f74001122334455667788"

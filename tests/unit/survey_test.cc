@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include "lcmtypes/michigan/lidar_t.hpp"
+#include "lcmtypes/michigan/occupancy_grid_t.hpp"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lib/wire/encode.h"
 
 namespace splinemap::survey_test {
@@ -56,6 +58,17 @@ TEST(SurveyTest, WhatCannotBeUsedIsCountedAndTheFirstIsTold) {
   survey.Add(Utime(0), "POSE", cut);
   EXPECT_EQ(survey.Find("POSE")->malformed, 2);
   EXPECT_NE(survey.Find("POSE")->complaint.find("planar_lidar_t"), std::string::npos);
+}
+
+TEST(SurveyTest, MessagesThatNoDaemonReadsHaveANameAndNoComplaint) {
+  Survey survey;
+  survey.Add(Utime(0), "SPLINEMAP_DIGESTS", Encode(layer_digest_t{}));
+  survey.Add(Utime(0), "SLAM_MAP", Encode(michigan::occupancy_grid_t{}));
+  for (const SurveyedChannel& channel : survey.channels()) {
+    EXPECT_EQ(channel.malformed, 0) << channel.name;
+    EXPECT_FALSE(channel.type);
+    EXPECT_NE(FingerprintName(channel.fingerprint.value()), "");
+  }
 }
 
 TEST(SurveyTest, AChannelThatBeginsOddlyGetsTheTypeOfWhatFollows) {

@@ -25,7 +25,7 @@ struct LoadedMap {
 };
 
 // A map in a SQLite database, by convention NAME.splinemap: the record of the map, one per layer,
-// one row per tile (README.md here shows the schema). Each Save() is one transaction, so that a
+// one row per tile (lib/store/README.md shows the schema). Each Save() is one transaction, so that a
 // crash at any moment leaves the state of one save. While open for writing there are two files
 // beside it (-wal, -shm). Thread-compatible.
 class MapFile {
