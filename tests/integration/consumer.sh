@@ -29,6 +29,13 @@ export PKG_CONFIG_PATH
 c++ "$top/tests/consumer/ask.cc" -o ask_with_pkg_config $(pkg-config --cflags --libs splinemap) \
   > pkg_config.log 2>&1 || fail "$(tail -n 20 pkg_config.log)"
 
+# The README's example.
+awk '/^```cpp/ { inside = 1; next } /^```/ { inside = 0 } inside' "$top/README.md" > example
+{ grep '^#include' example; echo 'int main() {'; grep -v '^#include' example; echo '}'; } > example.cc
+# shellcheck disable=SC2046
+c++ -fsyntax-only example.cc $(pkg-config --cflags splinemap) > example.log 2>&1 ||
+  fail "$(tail -n 20 example.log)"
+
 # As a part of another project, that configures: no programs, no tests, none of their packages.
 cmake -G Ninja -S "$top/tests/consumer" -B part -DSPLINEMAP_SOURCE="$top" > part.log 2>&1 ||
   fail "$(tail -n 20 part.log)"

@@ -53,6 +53,9 @@ following=lib/replication/map_follower.cc
 settings=lib/layers/layer_settings.cc
 sum=lib/map/summed_layers.cc
 
+mutate own_messages_are_ignored "$following" 'if \(SpeakerOf\(message\) == speaker_\) return;' ''
+mutate owner_is_told_by_its_speaker lib/replication/protocol.h 'digest\.speaker == digest\.layer\.session_nonce' 'true'
+mutate publishers_name_their_speaker "$publisher" 'digest\.speaker = speaker_;' ''
 mutate greater_session_replaces "$follower" 'ref\.session > \*session_\) StartSession' 'false) StartSession'
 mutate session_begins_empty "$follower" 'tiles_ = TileTreeEditor\(\);\n  index_ = \{\};' ''
 mutate lesser_session_is_ignored "$follower" 'if \(session_ && ref\.session < \*session_\)' 'if (false)'

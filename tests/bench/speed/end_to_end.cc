@@ -33,7 +33,7 @@ double ChildrenCpuSeconds() {
 void Build(benchmark::State& state, const std::string& log, const std::string& out, int64_t scans) {
   const double cpu_before_s = ChildrenCpuSeconds();
   for (auto _ : state) {
-    if (!Run(fmt::format("build '{}' --out '{}' --force --scan LASER --pose POSE", log, out))) {
+    if (!Run(fmt::format("build '{}' '{}' --force --scan LASER --pose POSE", log, out))) {
       state.SkipWithError("splinemap build failed");
       return;
     }
