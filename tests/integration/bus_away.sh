@@ -38,8 +38,9 @@ export LCM_DEFAULT_URL=$server_url
 for command in "query 0 0 --live --timeout 0.5" "ray 0 0 0 --live --timeout 0.5" \
   "check 0 0 --radius 0.1 --live --timeout 0.5" "distance 0 0 --live --timeout 0.5" \
   "raster none.png --region -1,-1,1,1 --live --timeout 0.5" "watch --timeout 0.5" \
-  "watch --once --json --timeout 0.5" "doctor --live --seconds 0.5" "layers --live --wait 0.5" \
-  "control mute robot --wait 0.5" "snapshot none.splinemap --timeout 0.5"; do
+  "watch --once --json --timeout 0.5" "doctor --live --seconds 0.5" "layers --live --timeout 0.5" \
+  "render --live --timeout 0.5" "export none --format csv --live --timeout 0.5" \
+  "layer mute robot --live --timeout 0.5" "snapshot none.splinemap --timeout 0.5"; do
   read -ra words <<< "$command"
   expect 1 timeout 10 splinemap "${words[@]}"
   expect_text "the LCM server of $server_url is away: Connection refused; is it running?" err

@@ -67,7 +67,7 @@ expect 1 splinemap doctor recorded.lcmlog --json --scan A --pose B  # lists, and
 
 # Silence is said.
 expect 1 splinemap watch --timeout 0.5
-expect_text "heard nothing on SPLINEMAP_STATUS" err
+expect_text "nothing was received on SPLINEMAP_STATUS" err
 
 if [[ ! -d $shared_data ]]; then
   echo "live_replay: recorded drives skipped, the shared data folder is not there"
