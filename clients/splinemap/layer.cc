@@ -55,23 +55,11 @@ absl::StatusOr<LayerArguments> ParseArguments(const LayerFlags& flags) {
 absl::Status Change(const LayerFlags& flags, const LayerArguments& arguments, const LayerId& id,
                     LayerSet& set) {
   LayerSettings settings = set.settings.Next(id, RandomId());
-  switch (flags.command) {
-    case LayerCommand::kMute:
-    case LayerCommand::kUnmute:
-      settings.muted = flags.command == LayerCommand::kMute;
-      break;
-    case LayerCommand::kLowWeight:
-    case LayerCommand::kNormalWeight:
-      settings.low_weight = flags.command == LayerCommand::kLowWeight;
-      break;
-    case LayerCommand::kShift:
-      settings.shift = arguments.shift;
-      break;
-    case LayerCommand::kRemove: {
-      SPLINEMAP_ASSIGN_OR_RETURN(set, WithoutLayers(set, {id}, RandomId()));
-      return absl::OkStatus();
-    }
+  if (flags.command == LayerCommand::kRemove) {
+    SPLINEMAP_ASSIGN_OR_RETURN(set, WithoutLayers(set, {id}, RandomId()));
+    return absl::OkStatus();
   }
+  Apply(flags.command, arguments.shift, set.Find(id)->session, settings);
   if (!settings.IsValid()) {
     return InvalidArgument("a layer can be shifted by {} knots at most", KnotShift::kMax);
   }

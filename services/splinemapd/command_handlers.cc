@@ -21,27 +21,12 @@ std::string Quoted(const std::string& text) {
 
 absl::Status Change(LayerCommand command, const layer_command_request_t& request,
                     const SessionId& session, LayerSettings& settings) {
-  switch (command) {
-    case LayerCommand::kMute:
-    case LayerCommand::kUnmute:
-      settings.muted = command == LayerCommand::kMute;
-      break;
-    case LayerCommand::kLowWeight:
-    case LayerCommand::kNormalWeight:
-      settings.low_weight = command == LayerCommand::kLowWeight;
-      break;
-    case LayerCommand::kShift:
-      settings.shift = {request.shift_i, request.shift_j};
-      break;
-    case LayerCommand::kRemove:
-      if (static_cast<uint64_t>(request.session_number) != session.number) {
-        return FailedPrecondition(
-            "the command is for session {} of layer {}, which is in session {}",
-            request.session_number, Quoted(request.name), session.number);
-      }
-      settings.Remove(session);
-      break;
+  if (command == LayerCommand::kRemove &&
+      static_cast<uint64_t>(request.session_number) != session.number) {
+    return FailedPrecondition("the command is for session {} of layer {}, which is in session {}",
+                              request.session_number, Quoted(request.name), session.number);
   }
+  Apply(command, {request.shift_i, request.shift_j}, session, settings);
   return absl::OkStatus();
 }
 

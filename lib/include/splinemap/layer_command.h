@@ -37,4 +37,25 @@ inline std::optional<LayerCommand> LayerCommandOf(std::string_view name) {
   return std::nullopt;
 }
 
+// What the command makes of the settings of a layer in this session; `shift` is for kShift.
+inline void Apply(LayerCommand command, KnotShift shift, const SessionId& session,
+                  LayerSettings& settings) {
+  switch (command) {
+    case LayerCommand::kMute:
+    case LayerCommand::kUnmute:
+      settings.muted = command == LayerCommand::kMute;
+      break;
+    case LayerCommand::kLowWeight:
+    case LayerCommand::kNormalWeight:
+      settings.low_weight = command == LayerCommand::kLowWeight;
+      break;
+    case LayerCommand::kShift:
+      settings.shift = shift;
+      break;
+    case LayerCommand::kRemove:
+      settings.Remove(session);
+      break;
+  }
+}
+
 }  // namespace splinemap
