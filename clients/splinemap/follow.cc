@@ -15,8 +15,8 @@
 namespace splinemap {
 namespace {
 
-// Every daemon publishes a digest once a second; in this time nearly always all of them arrive.
-constexpr std::chrono::duration<double> kAllDigests(2.5);
+// As long as a follower asks for digests; one of each layer arrives, also on a lossy bus.
+constexpr std::chrono::duration<double> kAllDigests(2.0);
 
 bool HasCaughtUp(const FollowedLayer& layer) { return layer.caught_up && layer.matches_digest; }
 

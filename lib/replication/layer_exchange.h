@@ -32,8 +32,11 @@ class LayerExchange {
 
   // What is to be published now. Call it at NextTick().
   std::vector<ReplicationMessage> Tick(Clock::time_point now);
-  // The same at the end: what waits goes out as far as the budget allows, and a last digest.
+  // The same for an owner that leaves: what waits to be published, and a digest. Call it some times
+  // a second until IsOwnKnown().
   std::vector<ReplicationMessage> LastTick(Clock::time_point now);
+  // Whether followers, on a lossy bus too, had time to get the own layer as it is.
+  bool IsOwnKnown(Clock::time_point now) const { return publisher_->IsKnown(now); }
   // When Tick() will have something to do, if nothing comes before.
   Clock::time_point NextTick(Clock::time_point now) const;
 

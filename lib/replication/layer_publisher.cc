@@ -15,6 +15,12 @@ namespace splinemap {
 namespace {
 
 constexpr size_t kMaxPulled = 100'000;  // more waiting pulls are for the next round
+// Digests that are asked for are this far apart.
+constexpr std::chrono::milliseconds kLeastDigestInterval(200);
+// Where half of them get lost, one in 64 followers misses all of these.
+constexpr int kDigestsOfKnownState = 6;
+// Followers ask again sooner.
+constexpr std::chrono::milliseconds kPullPause(700);
 
 tile_update_t ToMessage(const TileUpdate& update) {
   tile_update_t message;
@@ -98,7 +104,12 @@ void LayerPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point now)
   if (!Pushes()) state_ = layer.revision;
 }
 
-void LayerPublisher::HandlePull(const layer_pull_t& pull) {
+void LayerPublisher::HandlePull(const layer_pull_t& pull, Clock::time_point now) {
+  if (AsksForDigests(pull)) {
+    if (last_digest_ && now - *last_digest_ >= kLeastDigestInterval) last_digest_.reset();
+    return;
+  }
+  last_pull_ = now;
   for (int n = 0; n < pull.num_nodes; ++n) {
     if (pulled_tiles_.size() + pulled_nodes_.size() >= kMaxPulled) return;
     const NodeKey node{pull.levels[n], pull.xs[n], pull.ys[n]};
@@ -130,6 +141,11 @@ Clock::time_point LayerPublisher::NextTick() const {
   return last_push_ ? std::min(digest, *last_push_ + options_.push_interval) : Clock::time_point();
 }
 
+bool LayerPublisher::IsKnown(Clock::time_point now) const {
+  return !HasChanges() && !HasPulls() && digests_of_state_ >= kDigestsOfKnownState &&
+         (!last_pull_ || now - *last_pull_ >= kPullPause);
+}
+
 void LayerPublisher::LastTick(Clock::time_point now, ByteBudget& budget,
                               std::vector<ReplicationMessage>& messages) {
   last_push_.reset();
@@ -139,6 +155,7 @@ void LayerPublisher::LastTick(Clock::time_point now, ByteBudget& budget,
 
 void LayerPublisher::Digest(std::vector<ReplicationMessage>& messages, Clock::time_point now) {
   last_digest_ = now;
+  ++digests_of_state_;
   messages.emplace_back(MakeDigest(now));
   at_digest_ = published_.Freeze();
   answered_.clear();
@@ -226,7 +243,10 @@ TileUpdate LayerPublisher::Publish(TileKey key, bool as_difference) {
     TileUpdate difference = MakeTileDifference(key, *tile, revision, *base);
     if (difference.content.size() < update.content.size()) update = std::move(difference);
   }
-  if (published_.tree().Find(key) != tile.get()) ++state_;
+  if (published_.tree().Find(key) != tile.get()) {
+    ++state_;
+    digests_of_state_ = 0;
+  }
   published_.Put(key, std::move(tile), revision);
   index_.Set(key, update.checksum);
   return update;

@@ -45,17 +45,21 @@ class LayerPublisher {
   // Of a coarser level: since when there are changes that are not in it yet.
   void SetBehind(std::optional<Clock::time_point> since) { behind_since_ = since; }
 
-  // Requires a pull of this session and this level.
-  void HandlePull(const layer_pull_t& pull);
+  // Requires a pull of this session and this level, or one that asks for digests.
+  void HandlePull(const layer_pull_t& pull, Clock::time_point now);
 
   bool HasChanges() const { return !waiting_.empty(); }
+  // Whether the present state was digested so often that followers on a lossy bus know it, and none
+  // of them is asking for what it lacks.
+  bool IsKnown(Clock::time_point now) const;
   bool HasPulls() const { return !pulled_tiles_.empty() || !pulled_nodes_.empty(); }
 
   // Adds what is to be sent now, as far as the budget goes.
   void Tick(Clock::time_point now, ByteBudget& budget, std::vector<ReplicationMessage>& messages);
   // When the next push or digest is due.
   Clock::time_point NextTick() const;
-  // The same, whatever the intervals: what waits, and a digest.
+  // The same, whatever the intervals: what waits, and a digest. For an owner that leaves: called
+  // until it IsKnown(), it leaves nothing behind that only the owner had.
   void LastTick(Clock::time_point now, ByteBudget& budget,
                 std::vector<ReplicationMessage>& messages);
 
@@ -98,6 +102,8 @@ class LayerPublisher {
   FifoSet<NodeKey> pulled_nodes_;
   std::optional<Clock::time_point> last_push_;
   std::optional<Clock::time_point> last_digest_;
+  int digests_of_state_ = 0;
+  std::optional<Clock::time_point> last_pull_;
 };
 
 }  // namespace splinemap

@@ -28,6 +28,9 @@ constexpr double kMaxSilence_s = 3.5;
 constexpr milliseconds kProxyDelay(8000);
 // A layer of a name that another one has taken is forgotten after that, and one without tiles.
 constexpr double kForgetAfter_s = 10;
+// Who begins to follow asks so often and at such intervals which layers there are.
+constexpr int kCalls = 8;
+constexpr milliseconds kCallInterval(250);
 // What a digest says of knot interval and limits counts for so long.
 constexpr double kToldLately_s = 5;
 
@@ -101,6 +104,12 @@ void MapFollower::Handle(const layer_listing_t& listing, Clock::time_point now) 
 }
 
 void MapFollower::Handle(const layer_pull_t& pull, Clock::time_point now) {
+  if (AsksForDigests(pull)) {
+    for (auto& [id, followed] : layers_) {
+      if (followed.proxy) followed.proxy->HandlePull(pull, now);
+    }
+    return;
+  }
   Followed* followed = Find(pull.layer);
   if (followed == nullptr) return;
   followed->copy.HandlePull(pull, now);
@@ -312,6 +321,13 @@ std::vector<std::string> MapFollower::refused() const {
 
 std::vector<ReplicationMessage> MapFollower::Tick(Clock::time_point now, ByteBudget& budget) {
   std::vector<ReplicationMessage> messages;
+  if (calls_ < kCalls && now >= next_call_) {
+    ++calls_;
+    next_call_ = now + kCallInterval;
+    layer_pull_t call{};
+    call.speaker = static_cast<int64_t>(speaker_);
+    messages.emplace_back(call);
+  }
   for (auto entry = layers_.begin(); entry != layers_.end();) {
     const LayerFollower& copy = entry->second.copy;
     const bool is_gone = copy.IsEmpty() && Seconds(now - copy.last_spoken_for()) > kForgetAfter_s;
@@ -343,6 +359,7 @@ bool MapFollower::HasPulls() const {
 
 Clock::time_point MapFollower::NextTick(Clock::time_point now) const {
   Clock::time_point next = options_.takes_settings ? gossip_.NextTick() : now + milliseconds(500);
+  if (calls_ < kCalls) next = std::min(next, next_call_);
   for (const auto& [id, followed] : layers_) {
     next = std::min(next, followed.copy.NextTick(now));
     if (followed.proxy) next = std::min(next, followed.proxy->NextTick(now));

@@ -3,6 +3,7 @@
 #include <cstdint>
 
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
+#include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_ref_t.hpp"
 #include "lib/base/clock.h"
 #include "splinemap/layer.h"
@@ -40,6 +41,9 @@ inline LayerRef FromMessage(const layer_ref_t& message) {
       {static_cast<uint64_t>(message.session_number), static_cast<uint64_t>(message.session_nonce)},
       {message.level, static_cast<Statistic>(message.statistic)}};
 }
+
+// Whether a pull is of no layer: its sender wants to know which there are.
+inline bool AsksForDigests(const layer_pull_t& pull) { return pull.layer.name.empty(); }
 
 // Whether the layer's owner speaks, not a proxy.
 inline bool IsOwners(const layer_digest_t& digest) {

@@ -30,18 +30,22 @@ void PyramidPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point no
 }
 
 void PyramidPublisher::HandlePull(const layer_pull_t& pull, Clock::time_point now) {
+  if (AsksForDigests(pull)) {
+    as_mapped_.HandlePull(pull, now);
+    return;
+  }
   const LayerRef ref = FromMessage(pull.layer);
   if (ref.id != ref_.id || ref.session != ref_.session || !ref.level_of_detail.IsValid()) {
     ++foreign_pulls_;
     return;
   }
   if (ref.level_of_detail == ref_.level_of_detail) {
-    as_mapped_.HandlePull(pull);
+    as_mapped_.HandlePull(pull, now);
     return;
   }
   Asked& asked = asked_[ref.level_of_detail];
   asked.last = now;
-  if (asked.publisher) asked.publisher->HandlePull(pull);
+  if (asked.publisher) asked.publisher->HandlePull(pull, now);
 }
 
 std::vector<ReplicationMessage> PyramidPublisher::Tick(Clock::time_point now, ByteBudget& budget) {

@@ -26,14 +26,16 @@ class PyramidPublisher {
   // The layer's newest state, of the same session.
   void SetLayer(const LayerSnapshot& layer, Clock::time_point now);
 
-  // Pulls of other layers and other sessions are ignored, and counted.
+  // Pulls of other layers and other sessions are ignored, and counted. One that asks for digests is
+  // answered with the one of the layer as it was mapped.
   void HandlePull(const layer_pull_t& pull, Clock::time_point now);
   int64_t foreign_pulls() const { return foreign_pulls_; }
 
   // What is to be sent now. Call it a few times for each push_interval.
   std::vector<ReplicationMessage> Tick(Clock::time_point now, ByteBudget& budget);
-  // The same, whatever the intervals: what waits, and digests.
+  // See LayerPublisher.
   std::vector<ReplicationMessage> LastTick(Clock::time_point now, ByteBudget& budget);
+  bool IsKnown(Clock::time_point now) const { return as_mapped_.IsKnown(now); }
 
   // What the budget is for.
   bool HasChanges() const { return as_mapped_.HasChanges(); }

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <limits>
+#include <type_traits>
 
 #include "lcmtypes/splinemap/command_reply_t.hpp"
 #include "lcmtypes/splinemap/command_request_t.hpp"
@@ -111,7 +112,11 @@ absl::Status CheckContent(const layers_t& layers) {
 template <typename Message>
 absl::Status CheckFields(const Message& message) {
   if constexpr (requires { message.utime; }) SPLINEMAP_RETURN_IF_ERROR(CheckUtime(message.utime));
-  if constexpr (requires { message.layer; }) SPLINEMAP_RETURN_IF_ERROR(Check(message.layer));
+  if constexpr (requires { message.layer; }) {
+    // A pull of no layer asks for digests.
+    const bool is_of_none = std::is_same_v<Message, layer_pull_t> && message.layer.name.empty();
+    if (!is_of_none) SPLINEMAP_RETURN_IF_ERROR(Check(message.layer));
+  }
   if constexpr (requires { message.header.name; }) {
     SPLINEMAP_RETURN_IF_ERROR(CheckLayerId({message.header.name, 0}));
   }

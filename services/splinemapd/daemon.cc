@@ -162,8 +162,10 @@ absl::Status Daemon::Stop() {
   parts_->requests.Stop();
   parts_->mapping.Stop();
   const absl::Status saved = parts_->saver.Stop();
-  // What is published last is on disk.
+  // What is published last is on disk. Followers may ask for it.
+  parts_->receiving.Start();
   parts_->replication.Stop();
+  parts_->receiving.Stop();
   SPLINEMAP_RETURN_IF_ERROR(saved);
   PublishStatus();
   const status_t status = parts_->reporter.MakeStatus();

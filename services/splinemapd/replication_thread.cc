@@ -17,6 +17,8 @@ constexpr milliseconds kBatch(10);
 // How often the session is checked, and how soon tried again where a new one cannot be saved.
 constexpr milliseconds kSessionInterval(500);
 constexpr milliseconds kReportInterval(450);
+constexpr milliseconds kMaxFarewell(5000);
+constexpr milliseconds kFarewellInterval(50);
 
 }  // namespace
 
@@ -79,10 +81,21 @@ void ReplicationThread::Run(const std::stop_token& stop) {
     UpdateReport(now);
     Publish(messages);
   }
+  SayLast();
+}
+
+// What was mapped last may have been lost by every follower, and nobody can ask for it later.
+void ReplicationThread::SayLast() {
   exchange_.SetOwn(newest_.Own(), Clock::now());
   next_report_ = {};
   UpdateReport(Clock::now());
-  Publish(exchange_.LastTick(Clock::now()));
+  const auto deadline = Clock::now() + kMaxFarewell;
+  while (true) {
+    Publish(exchange_.LastTick(Clock::now()));
+    const auto next = Clock::now() + kFarewellInterval;
+    while (auto item = mailbox_.Pop({}, next)) HandleItem(*item);
+    if (exchange_.IsOwnKnown(next) || next >= deadline) return;
+  }
 }
 
 void ReplicationThread::HandleItem(const Mailbox::Item& item) {

@@ -93,6 +93,7 @@ kill_daemon() {  # NAME
 play() {  # NAME..
   local name
   for name; do
+    await grep -q "listening on POSE" "$name.log"
     nsenter -t "${network[$name]}" -n lcm-logplayer --lcm-url="$bus&ttl=0" -s "$speed" \
       "part_${name#robot-}.lcmlog" > /dev/null &
     player[$name]=$!

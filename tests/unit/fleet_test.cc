@@ -88,6 +88,7 @@ class Robot {
     Save();  // the new session
   }
   void Stop() {
+    is_leaving_ = false;
     map_.reset();
     exchange_.reset();
   }
@@ -150,12 +151,11 @@ class Robot {
     }
     exchange_->SetOwn(layer_->Snapshot(), now);
     if (next && !is_removed) Save();
-    std::vector<std::vector<uint8_t>> bytes;
-    for (const ReplicationMessage& message : exchange_->Tick(now)) {
-      bytes.push_back(EncodeReplication(message));
-    }
-    return bytes;
+    return Encoded(is_leaving_ ? exchange_->LastTick(now) : exchange_->Tick(now));
   }
+  // As daemons do that are stopped.
+  void BeginToLeave() { is_leaving_ = true; }
+  bool IsKnown(Clock::time_point now) const { return exchange_->IsOwnKnown(now); }
 
   LayerSet Layers() {
     LayerSet set = exchange_->FollowedLayers();
@@ -170,7 +170,15 @@ class Robot {
   }
 
  private:
+  static std::vector<std::vector<uint8_t>> Encoded(
+      const std::vector<ReplicationMessage>& messages) {
+    std::vector<std::vector<uint8_t>> bytes;
+    for (const ReplicationMessage& message : messages) bytes.push_back(EncodeReplication(message));
+    return bytes;
+  }
+
   Random& random_;
+  bool is_leaving_ = false;
   LayerSet file_;
   std::vector<LayerSet> files_;
   std::unique_ptr<MapWriter> map_;
@@ -205,6 +213,18 @@ class Fleet {
   }
   void StartAll() {
     for (size_t n = 0; n < robots_.size(); ++n) Start(n);
+  }
+  // Its last changes are still to be published. Returns how long it takes.
+  milliseconds Leave(size_t n, milliseconds at_most) {
+    Robot& robot = *robots_[n];
+    robot.BeginToLeave();
+    milliseconds taken(0);
+    do {
+      Run(milliseconds(50));
+      taken += milliseconds(50);
+    } while (!robot.IsKnown(network_.now()) && taken < at_most);
+    robot.Stop();
+    return taken;
   }
   void RestartClient(size_t n) {
     if (n == clients_.size()) clients_.emplace_back();
@@ -430,6 +450,48 @@ TEST(FleetTest, WhatARobotSaidLastIsPutTogetherSoon) {
     EXPECT_TRUE(fleet.AllAreEqual()) << "seed " << seed << "\n" << fleet.Contents();
   }
   EXPECT_LT(seconds, 12 * kFleets);
+}
+
+// Nobody can ask for it afterwards.
+TEST(FleetTest, ARobotThatLeavesWhileItMapsLeavesNothingBehind) {
+  milliseconds longest(0);
+  for (uint64_t seed = 1; seed <= 20; ++seed) {
+    Fleet fleet({.loss = 0.25}, 2, 1, seed);
+    fleet.StartAll();
+    for (int n = 0; n < 10; ++n) {
+      fleet.robot(0).Commit();
+      fleet.Run(milliseconds(100));
+    }
+    fleet.robot(0).Commit(10);
+    const uint64_t last = fleet.robot(0).Map().layers.at(fleet.robot(0).id()).second;
+    longest = std::max(longest, fleet.Leave(0, milliseconds(5000)));
+    ASSERT_TRUE(fleet.RunUntilEqual(20)) << "seed " << seed << "\n" << fleet.Contents();
+    EXPECT_EQ(fleet.AnyContent().layers.at(fleet.robot(0).id()).second, last) << "seed " << seed;
+  }
+  EXPECT_LT(longest, milliseconds(5000));
+}
+
+TEST(FleetTest, AnOwnerThatNobodyFollowsLeavesAtOnce) {
+  Fleet fleet({}, 1, 0, 1);
+  fleet.StartAll();
+  fleet.robot(0).Commit();
+  EXPECT_LE(fleet.Leave(0, milliseconds(3000)), milliseconds(500));
+}
+
+// The next digest of each robot is up to a second away, or lost.
+TEST(FleetTest, WhoComesHearsOfAllRobotsSoon) {
+  constexpr size_t kRobots = 10;
+  for (uint64_t seed = 1; seed <= 50; ++seed) {
+    Fleet fleet({.loss = 0.2}, kRobots, 0, seed);
+    fleet.StartAll();
+    for (size_t n = 0; n < kRobots; ++n) fleet.robot(n).Commit();
+    fleet.Run(milliseconds(5000));
+    fleet.robot(0).Stop();  // others speak for it
+    fleet.Run(milliseconds(5000));
+    fleet.RestartClient(0);
+    fleet.Run(milliseconds(2000));
+    EXPECT_EQ(fleet.client(0).Layers().layers.size(), kRobots) << "seed " << seed;
+  }
 }
 
 TEST(FleetTest, ARobotThatComesBackSpeaksForItself) {

@@ -254,8 +254,9 @@ TEST(MapFollowerTest, ARegionIsOfTheMapFrameAtAnyLevel) {
   one.SpeakTo(coarse, kBegin);
   EXPECT_DOUBLE_EQ(coarse.View()->options.knot_interval_m, 0.4);
   const auto messages = TickOf(coarse, kBegin + milliseconds(200));
-  ASSERT_EQ(messages.size(), 1u);
-  const auto& pull = std::get<layer_pull_t>(messages[0]);
+  ASSERT_EQ(messages.size(), 2u);
+  EXPECT_TRUE(AsksForDigests(std::get<layer_pull_t>(messages[0])));
+  const auto& pull = std::get<layer_pull_t>(messages[1]);
   EXPECT_EQ(pull.layer.level, 3);
   EXPECT_EQ(pull.layer.statistic, 2);
 }
