@@ -16,7 +16,7 @@ namespace {
 
 constexpr size_t kMaxPulled = 100'000;  // more waiting pulls are for the next round
 // Digests that are asked for are this far apart.
-constexpr std::chrono::milliseconds kLeastDigestInterval(200);
+constexpr std::chrono::milliseconds kLeastDigestInterval(100);
 // Where half of them get lost, one in 64 followers misses all of these.
 constexpr int kDigestsOfKnownState = 6;
 // Followers ask again sooner.

@@ -29,8 +29,8 @@ constexpr milliseconds kProxyDelay(8000);
 // A layer of a name that another one has taken is forgotten after that, and one without tiles.
 constexpr double kForgetAfter_s = 10;
 // Who begins to follow asks so often and at such intervals which layers there are.
-constexpr int kCalls = 8;
-constexpr milliseconds kCallInterval(250);
+constexpr int kCalls = 12;
+constexpr milliseconds kCallInterval(150);
 // What a digest says of knot interval and limits counts for so long.
 constexpr double kToldLately_s = 5;
 

@@ -109,7 +109,7 @@ kill "$room"
 wait "$room" || fail "the room's daemon: $(cat room.log)"
 
 # The map is opened in the middle of a drive, and pulls what was mapped before.
-lcm-logplayer -s 20 drive.lcmlog > player.log 2>&1 &
+lcm-logplayer -s 12 drive.lcmlog > player.log 2>&1 &
 player=$!
 sleep 2
 await is_open_of SPLINEMAP_UPDATES "SPLINEMAP map"

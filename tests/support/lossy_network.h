@@ -2,7 +2,6 @@
 
 #include <chrono>
 #include <cstdint>
-#include <cstdlib>
 #include <functional>
 #include <queue>
 #include <random>
@@ -70,12 +69,6 @@ class Network {
   uint64_t sent_ = 0;
   std::priority_queue<OnTheWay> on_the_way_;
 };
-
-// How many random schedules a test runs. Thousands by hand: SPLINEMAP_SCHEDULES=500.
-inline int NumSchedules(int usual) {
-  const char* wanted = std::getenv("SPLINEMAP_SCHEDULES");
-  return wanted != nullptr ? std::atoi(wanted) : usual;
-}
 
 template <typename... Values>
 auto AnyOf(std::mt19937_64& random, Values... values) {

@@ -7,7 +7,7 @@
 namespace splinemap {
 namespace {
 
-constexpr int kBeams = 90;
+constexpr int kBeams = 45;
 
 Utime Time(double time_s) { return Utime(std::llround((100 + time_s) * 1e6)); }
 

@@ -16,7 +16,7 @@ struct RoomDriver {
 };
 
 // A minute of a robot that drives and turns (`turn` times as much) in a room of 6 x 4 m: poses at
-// 50 Hz, scans of 90 beams at 5 Hz.
+// 50 Hz, scans of 45 beams at 5 Hz.
 void DriveInRoom(const RoomDriver& driver, double turn,
                  absl::FunctionRef<void(const TimedPose&)> on_pose,
                  absl::FunctionRef<void(RangeReadings)> on_scan);

@@ -123,7 +123,7 @@ TEST(DistanceFieldTest, DiffersFromTheSearchByNoMoreThanItsBound) {
       const DistanceField field = FieldOf(map, options);
       ExactSearch exact(map, options);
       int near = 0;
-      for (int n = 0; n < 1000; ++n) {
+      for (int n = 0; n < 400; ++n) {
         const Eigen::Vector2d point_m = world.Point(n % 2 == 0 ? 2.6 : 4.5);
         const DistancesQuery::Distance expected = exact.At(point_m);
         const DistancesQuery::Distance distance = field.At(point_m);
@@ -246,7 +246,7 @@ TEST(DistanceFieldTest, HoldsItsBoundAmongSpecksBetweenFourVertices) {
     const auto map = world.View();
     const DistanceField field = FieldOf(map, options);
     ExactSearch exact(map, options);
-    for (int n = 0; n < 1000; ++n) {
+    for (int n = 0; n < 400; ++n) {
       Eigen::Vector2d point_m = world.Point(1);
       if (n % 2 == 0) {
         const Eigen::Vector2d corner(world.Between(-20, 20), world.Between(-20, 20));

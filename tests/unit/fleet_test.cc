@@ -21,6 +21,7 @@
 #include "splinemap/layer_set.h"
 #include "tests/support/lossy_network.h"
 #include "tests/support/map_writer.h"
+#include "tests/support/num_schedules.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap::fleet_test {
@@ -482,7 +483,7 @@ TEST(FleetTest, AnOwnerThatNobodyFollowsLeavesAtOnce) {
 TEST(FleetTest, WhoComesHearsOfAllRobotsSoon) {
   constexpr size_t kRobots = 10;
   for (uint64_t seed = 1; seed <= 50; ++seed) {
-    Fleet fleet({.loss = 0.2}, kRobots, 0, seed);
+    Fleet fleet({.loss = 0.15}, kRobots, 0, seed);
     fleet.StartAll();
     for (size_t n = 0; n < kRobots; ++n) fleet.robot(n).Commit();
     fleet.Run(milliseconds(5000));
