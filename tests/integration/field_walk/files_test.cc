@@ -250,7 +250,7 @@ class FileWalkTest : public testing::Test {
     return record.SerializeAsString();
   }
 
-  static constexpr size_t kEveryNth = 3;  // value, the next of a field begins at another one
+  static constexpr size_t kEveryNth = 5;  // value, the next of a field begins at another one
 
   template <typename Record>
   void WalkRecord(const std::string& table, int64_t row) {
