@@ -1,5 +1,7 @@
 #include <CLI/App.hpp>
+#include <algorithm>
 #include <cstdio>
+#include <map>
 #include <memory>
 
 #include "clients/splinemap/commands.h"
@@ -12,6 +14,7 @@
 #include "lib/diagnosis/survey.h"
 #include "lib/logs/lcm_log.h"
 #include "lib/pipeline/mapper.h"
+#include "lib/wire/message_type.h"
 #include "splinemap/file.h"
 #include "splinemap/map_view.h"
 
@@ -33,9 +36,78 @@ void ReportDrops(const DropCounts& drops) {
   }
 }
 
+// A log, mapped.
+struct MappedLog {
+  MappedLog(const config::Config& config, LayerId id, SessionId session)
+      : options(MapOptionsOf(config.method())),
+        layer(std::move(id), session),
+        mapper(config, options, layer) {}
+
+  MapOptions options;
+  Layer layer;
+  Mapper mapper;
+  absl::Status read;  // what ReadLcmLog() says
+};
+
+std::unique_ptr<MappedLog> MapInOrderOfFile(const std::string& log,
+                                            std::unique_ptr<MappedLog> drive) {
+  ProgressBar bar("mapping");
+  drive->read = ReadLcmLog(
+      log,
+      [&](const LogEvent& event) {
+        drive->mapper.HandleMessage(event.channel, event.message, event.utime);
+      },
+      [&](double share) { bar.Show(share); });
+  drive->mapper.Flush();
+  return drive;
+}
+
+// By the stamps of messages, on the clock of the poses.
+std::unique_ptr<MappedLog> MapInOrderOfStamps(const std::string& log, const config::Config& config,
+                                              std::unique_ptr<MappedLog> drive) {
+  std::map<std::string, SensorOptions> scans;
+  for (const config::Scan& scan : config.scan()) {
+    scans[scan.channel()] = SensorOptionsOf(scan, "bot_core");
+  }
+  const auto time_of = [&](const LogEvent& event) {
+    constexpr size_t kBytesWithStamp = 16;
+    if (!TypeOf(event.message) || event.message.size() < kBytesWithStamp) return Utime(0);
+    const auto options = scans.find(event.channel);
+    const bool is_scan = options != scans.end();
+    const Utime utime =
+        is_scan && options->second.stamp_is_receipt ? event.utime : UtimeOf(event.message);
+    if (!CheckUtime(utime.count()).ok()) return Utime(0);
+    return is_scan ? utime + options->second.time_offset : utime;
+  };
+  ProgressBar bar("mapping in order of message time");
+  drive->read = ReadLcmLogInOrder(
+      log, drive->mapper.channels(), time_of,
+      [&](const LogEvent& event) {
+        drive->mapper.HandleMessage(event.channel, event.message, event.utime);
+      },
+      [&](double share) { bar.Show(share); });
+  drive->mapper.Flush();
+  return drive;
+}
+
+// More than a few at the beginning and the end.
+bool LacksPoses(const MapperCounts& counts) {
+  const DropCounts& drops = counts.drops;
+  const int64_t lacking = drops[DropReason::kScanWithoutPose] + drops[DropReason::kScanQueueFull] +
+                          drops[DropReason::kScanInPoseGap];
+  return lacking * 100 > counts.scans_received && counts.poses_received > 0;
+}
+
+double ShareOfBeams(const MapperCounts& counts) {
+  return static_cast<double>(counts.beams_mapped) /
+         static_cast<double>(std::max<int64_t>(counts.beams_received, 1));
+}
+
 void ReportMapped(const MapperCounts& counts, size_t tiles, const std::string& out) {
-  PrintLine(stderr, "mapped {} of {} scans with {} poses; {} tiles in {}", counts.scans_mapped,
-            counts.scans_received, counts.poses_received, tiles, out);
+  PrintLine(stderr,
+            "mapped {} of {} scans with {} poses, {:.0f} % of their readings; {} tiles in {}",
+            counts.scans_mapped, counts.scans_received, counts.poses_received,
+            100 * ShareOfBeams(counts), tiles, out);
 }
 
 absl::StatusOr<int> Build(const BuildFlags& flags) {
@@ -50,34 +122,44 @@ absl::StatusOr<int> Build(const BuildFlags& flags) {
   }
   SPLINEMAP_RETURN_IF_ERROR(CheckConfig(config));
 
-  const MapOptions options = MapOptionsOf(config.method());
-  Layer layer(LayerId{RobotName(config), RandomId()}, {1, RandomId()});
-  Mapper mapper(config, options, layer);
-  absl::Status read;
-  {
-    ProgressBar bar("mapping");
-    read = ReadLcmLog(
-        flags.log,
-        [&](const LogEvent& event) { mapper.HandleMessage(event.channel, event.message); },
-        [&](double share) { bar.Show(share); });
+  const LayerId id{RobotName(config), RandomId()};
+  const SessionId session{1, RandomId()};
+  std::unique_ptr<MappedLog> drive =
+      MapInOrderOfFile(flags.log, std::make_unique<MappedLog>(config, id, session));
+  if (LacksPoses(drive->mapper.counts())) {
+    auto again =
+        MapInOrderOfStamps(flags.log, config, std::make_unique<MappedLog>(config, id, session));
+    if (again->mapper.counts().scans_mapped > drive->mapper.counts().scans_mapped) {
+      PrintLine(stderr,
+                "{} has its poses long before or after its scans; they were brought together by "
+                "their time stamps",
+                flags.log);
+      again->read = drive->read;  // of the whole log
+      drive = std::move(again);
+    }
   }
-  mapper.Flush();
-  for (const Notice& notice : mapper.DrainNotices()) {
+  for (const Notice& notice : drive->mapper.DrainNotices()) {
     PrintLine(stderr, "{}", notice.text);
   }
-  const MapperCounts counts = mapper.counts();
-  if (!read.ok()) PrintLine(stderr, "{}", ErrorText(read));
+  const MapperCounts counts = drive->mapper.counts();
+  if (!drive->read.ok()) PrintLine(stderr, "{}", ErrorText(drive->read));
   ReportDrops(counts.drops);
   if (counts.scans_mapped == 0) {
     return FailedPrecondition(
         "no scan of {} was mapped; {} scans and {} poses are on {}. See splinemap doctor {}",
-        flags.log, counts.scans_received, counts.poses_received, fmt::join(mapper.channels(), ", "),
-        flags.log);
+        flags.log, counts.scans_received, counts.poses_received,
+        fmt::join(drive->mapper.channels(), ", "), flags.log);
+  }
+  if (drive->layer.tiles().size() == 0) {
+    return FailedPrecondition(
+        "{} scans of {} were mapped and say nothing: none of their {} readings is used. See "
+        "splinemap doctor {}",
+        counts.scans_mapped, flags.log, counts.beams_received, flags.log);
   }
   SPLINEMAP_RETURN_IF_ERROR(
-      SaveAs({.options = options, .layers = {layer.Snapshot()}}, flags.output.path));
-  ReportMapped(counts, layer.tiles().size(), flags.output.path);
-  return read.ok() ? kSuccess : kFailed;
+      SaveAs({.options = drive->options, .layers = {drive->layer.Snapshot()}}, flags.output.path));
+  ReportMapped(counts, drive->layer.tiles().size(), flags.output.path);
+  return drive->read.ok() ? kSuccess : kFailed;
 }
 
 constexpr const char* kBuildExamples = R"(
@@ -85,7 +167,9 @@ Examples:
   splinemap build drive.lcmlog drive.splinemap
   splinemap build lab.lcmlog lab.splinemap --scan LIDAR:michigan_2017 --pose SLAM_POSE
 
-Maps as splinemapd does, without a network. Channels that are not given are chosen by their type.)";
+Maps as splinemapd does, without a network. Channels that are not given are chosen by their type.
+Messages are taken in the order of the log, and in that of their time stamps where the log has poses
+long before or after their scans.)";
 
 }  // namespace
 

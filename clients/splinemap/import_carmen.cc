@@ -1,6 +1,9 @@
 #include <CLI/App.hpp>
+#include <cmath>
 #include <cstdio>
 #include <memory>
+#include <numbers>
+#include <optional>
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
@@ -18,6 +21,7 @@ struct ImportCarmenFlags {
   std::string log;
   Output output;
   double rate_hz = 10;
+  double field_of_view_deg = 0;  // 0: as the log says
 };
 
 absl::StatusOr<int> ImportCarmen(const ImportCarmenFlags& flags) {
@@ -25,8 +29,11 @@ absl::StatusOr<int> ImportCarmen(const ImportCarmenFlags& flags) {
   CarmenLog log;
   {
     ProgressBar bar("reading");
-    SPLINEMAP_ASSIGN_OR_RETURN(log,
-                               ReadCarmenLog(flags.log, [&](double share) { bar.Show(share); }));
+    std::optional<double> field_of_view_rad;
+    if (flags.field_of_view_deg > 0)
+      field_of_view_rad = flags.field_of_view_deg * std::numbers::pi / 180;
+    SPLINEMAP_ASSIGN_OR_RETURN(
+        log, ReadCarmenLog(flags.log, field_of_view_rad, [&](double share) { bar.Show(share); }));
   }
   const RepairedTimes times = RepairTimes(log.scans, flags.rate_hz);
   SPLINEMAP_ASSIGN_OR_RETURN(LcmLogWriter writer, LcmLogWriter::Create(flags.output.path));
@@ -41,7 +48,27 @@ absl::StatusOr<int> ImportCarmen(const ImportCarmenFlags& flags) {
   }
   SPLINEMAP_RETURN_IF_ERROR(writer.Close());
 
-  PrintLine(stderr, "{} scans and poses written to {}", log.scans.size(), flags.output.path);
+  PrintLine(stderr, "{} scans and poses written to {}, from {} lines", log.scans.size(),
+            flags.output.path, log.kind);
+  if (log.kind == "RAWLASER1") {
+    PrintLine(stderr,
+              "the poses are the robot's odometry, which drifts: the log has no corrected poses");
+  }
+  if (log.field_of_view_is_guessed) {
+    PrintLine(stderr,
+              "FLASER lines do not say the field of view; {} degrees are assumed for scans of {} "
+              "readings. If walls come out double: --fov-deg",
+              std::lround(log.field_of_view_rad * 180 / std::numbers::pi),
+              log.scans[0].ranges_m.size());
+  }
+  if (log.other_scans > 0) {
+    PrintLine(stderr, "{} {} lines were left out, which are fewer", log.other_scans,
+              log.kind == "FLASER" ? "ROBOTLASER1" : "FLASER");
+  }
+  if (log.scans_without_pose > 0) {
+    PrintLine(stderr, "{} RAWLASER1 lines come before the first ODOM line and were left out",
+              log.scans_without_pose);
+  }
   if (times.replaced > 0) {
     PrintLine(stderr,
               "{} time stamps repeat, step back or jump; steps of 1/{:g} s (--rate) replace them",
@@ -61,9 +88,11 @@ constexpr const char* kImportCarmenExamples = R"(
 Examples:
   splinemap import-carmen intel.log.gz intel.lcmlog
   splinemap build intel.lcmlog intel.splinemap
+  splinemap import-carmen --fov-deg 360 turret.log turret.lcmlog
 
 Writes the channels LASER (bot_core.planar_lidar_t) and POSE (bot_core.pose_t), the pose of the
-laser in the log. Reads FLASER lines, or else ROBOTLASER1 lines.)";
+laser in the log. Reads FLASER or ROBOTLASER1 lines, whichever are more, or else RAWLASER1 lines
+with the poses of ODOM lines.)";
 
 }  // namespace
 
@@ -76,6 +105,11 @@ void AddImportCarmen(CLI::App& app, Command& chosen) {
   command
       ->add_option("--rate", flags->rate_hz, "Hz, scans whose time stamps are useless (default 10)")
       ->check(CLI::Range(0.001, 1000.0));
+  command
+      ->add_option("--fov-deg", flags->field_of_view_deg,
+                   "Field of view of FLASER lines (default: what PARAM lines say, what scanners "
+                   "with so many readings have, or 180)")
+      ->check(CLI::Range(1.0, 360.0));
   command->callback([flags, &chosen] { chosen = [flags] { return ImportCarmen(*flags); }; });
 }
 

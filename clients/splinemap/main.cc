@@ -93,6 +93,7 @@ int Main(int argc, char** argv) {
   try {
     const absl::StatusOr<int> status = chosen();
     if (status.ok()) return *status;
+    std::fflush(stdout);  // what was printed before
     fmt::print(stderr, "splinemap: {}\n", PlainLines(ErrorText(status.status())));
     return absl::IsInvalidArgument(status.status()) ? kUsage : kFailed;
   } catch (const std::exception& exception) {  // out of memory, say

@@ -212,6 +212,8 @@ SensorOptions SensorOptionsOf(const config::Scan& scan, const std::string& prese
   merged.MergeFrom(scan);
   SensorOptions options;
   options.bearing_sign = merged.bearing_sign();
+  options.field_of_view_rad = Radians(merged.fov_deg());
+  options.stamp_is_receipt = merged.stamp() == "receive";
   options.time_offset = Milliseconds(merged.time_offset_ms());
   options.scan_duration = Milliseconds(merged.scan_duration_ms());
   options.use_beam_times = merged.beam_times();

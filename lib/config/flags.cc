@@ -11,7 +11,7 @@ void AddInputFlags(CLI::App& app, InputFlags& flags) {
          "Scan channel with how to read it; more than once for several; replaces all of "
          "--config. Presets: auto, " +
              absl::StrJoin(PresetNames(), ", ") +
-             ". Options: bearing_sign, time_offset_ms, scan_duration_ms, beam_times, "
+             ". Options: bearing_sign, fov_deg, stamp, time_offset_ms, scan_duration_ms, beam_times, "
              "range_min_m, range_max_m, no_return, no_return_up_to_m, mask, every_nth_beam, "
              "min_travel_m, min_turn_deg, x_m, y_m, yaw_deg, extrinsics_channel")
       ->type_name("CHANNEL[:PRESET][,OPTION=VALUE]...")

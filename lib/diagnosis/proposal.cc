@@ -6,16 +6,21 @@
 
 #include "lib/base/plain_text.h"
 #include "lib/base/status.h"
+#include "lib/diagnosis/pose_oddities.h"
 
 namespace splinemap {
 namespace {
 
+// The search is on the first ones; what it finds has to hold for all.
 constexpr size_t kSampleScans = 200;
+constexpr size_t kAllScans = Survey::kMaxScans;
 // Time stamps of one clock differ by less, on the way to the log: wireless links take their time.
 constexpr double kOtherClock_s = 0.5;
 // Further apart, one of them is nonsense; options take no such offset.
 constexpr double kMaxClockOffset_s = 3e9;
 constexpr double kLongGap_s = 1;
+// Nothing is on its way for longer.
+constexpr double kLongestWay_s = 10;
 
 std::vector<std::string> ChannelsOf(const Survey& survey, bool (*is_kind)(MessageType)) {
   std::vector<std::string> names;
@@ -27,11 +32,62 @@ std::vector<std::string> ChannelsOf(const Survey& survey, bool (*is_kind)(Messag
   return names;
 }
 
-// What to add to the stamps of `scan` to have the clock of `pose`.
-Utime ClockOffset(const Survey& survey, const std::string& scan, const std::string& pose) {
-  const double offset_s = survey.Find(scan)->lag_s - survey.Find(pose)->lag_s;
+// What to add to the stamps of `scan` to have the clock of `pose`, if it is another one: the scans
+// or the poses may also be heard late.
+Utime ClockOffset(const Survey& survey, const config::Scan& scan, const std::string& pose) {
+  const double scan_lag_s = scan.stamp() == "receive" ? 0 : survey.Find(scan.channel())->lag_s;
+  const double offset_s = scan_lag_s - survey.Find(pose)->lag_s;
   if (std::abs(offset_s) < kOtherClock_s || std::abs(offset_s) > kMaxClockOffset_s) return Utime(0);
   return std::chrono::milliseconds(std::llround(offset_s * 1000));
+}
+
+// `scan` with what its stamps and readings ask for.
+config::Scan WithWhatItNeeds(const Survey& survey, const config::Scan& scan) {
+  config::Scan mended = scan;
+  const auto complaint = survey.ReadingsOf(scan.channel()).Complain(scan.range_max_m());
+  if (complaint && complaint->right_range_max_m) {
+    mended.set_range_max_m(*complaint->right_range_max_m);
+  }
+  if (!survey.Find(scan.channel())->odd_stamps.empty()) mended.set_stamp("receive");
+  return mended;
+}
+
+struct Jumps {
+  int64_t count = 0;
+  TimedPose from;  // the last one
+  TimedPose to;
+};
+Jumps JumpsOf(const PoseBuffer& poses) {
+  Jumps jumps;
+  std::optional<TimedPose> last;
+  poses.ForEach([&](const TimedPose& pose) {
+    if (last && IsJump(*last, pose)) jumps = {jumps.count + 1, *last, pose};
+    last = pose;
+  });
+  return jumps;
+}
+
+struct Tilts {
+  int64_t poses = 0;
+  int64_t tilted = 0;  // too much
+  TimedPose last;
+};
+Tilts TiltsOf(const PoseBuffer& poses) {
+  Tilts tilts;
+  poses.ForEach([&](const TimedPose& pose) {
+    ++tilts.poses;
+    if (!IsTiltedTooMuch(pose.up_robot)) return;
+    ++tilts.tilted;
+    tilts.last = pose;
+  });
+  return tilts;
+}
+
+// Poses of which most can be, on a clock that counts.
+bool IsOfUse(const Survey& survey, const std::string& pose) {
+  const Tilts tilts = TiltsOf(survey.PosesOf(pose));
+  return JumpsOf(survey.PosesOf(pose)).count * 10 <= tilts.poses &&
+         tilts.tilted * 2 <= tilts.poses && survey.Find(pose)->odd_stamps.empty();
 }
 
 std::string PresetOf(const Survey& survey, const config::Scan& scan) {
@@ -53,33 +109,78 @@ SensorOptions OptionsOf(const Survey& survey, const config::Scan& scan) {
 class Trials {
  public:
   Trials(const Survey& survey, const config::Scan& scan, const std::vector<std::string>& poses)
-      : survey_(survey), given_(OptionsOf(survey, scan)) {
+      : survey_(survey),
+        given_(OptionsOf(survey, scan)),
+        scans_(given_.stamp_is_receipt ? survey.ScansAsReceived(scan.channel())
+                                       : survey.ScansOf(scan.channel())) {
     for (const std::string& pose : poses) {
-      trials_.push_back({.scan = scan.channel(),
-                         .pose = pose,
-                         .clock_offset = ClockOffset(survey, scan.channel(), pose),
-                         .scans = 0,
-                         .flags = std::nullopt});
+      // First as if it was one clock.
+      Add(scan.channel(), pose, Utime(0));
+      const Utime offset = ClockOffset(survey, scan, pose);
+      if (offset != Utime(0)) Add(scan.channel(), pose, offset);
     }
   }
 
   std::vector<FlagTrial> Run() {
-    std::vector<RecordingSample> samples;
-    for (const FlagTrial& trial : trials_) {
-      samples.push_back(SampleOf(survey_.ScansOf(trial.scan), survey_.PosesOf(trial.pose),
-                                 TimeOffset(trial), kSampleScans));
-    }
-    CompareEqualScans(samples);
+    const std::vector<RecordingSample> first = SamplesOf(kSampleScans);
+    const std::vector<RecordingSample> all = SamplesOf(kAllScans);
     for (size_t k = 0; k < trials_.size(); ++k) {
       SensorOptions options = given_;
       options.time_offset = TimeOffset(trials_[k]);
-      trials_[k].scans = samples[k].scans.size();
-      trials_[k].flags = SearchFlags(samples[k], options);
+      trials_[k].scans = all[k].scans.size();
+      trials_[k].flags = SearchFlags(first[k], options);
+      if (trials_[k].flags) CompareOnAll(all[k], options, *trials_[k].flags);
+    }
+    for (auto other = trials_.begin(); other != trials_.end();) {
+      const bool is_other_clock = other->clock_offset != Utime(0);
+      if (!is_other_clock) {
+        ++other;
+        continue;
+      }
+      // Of one pose channel two trials stand side by side. One clock needs no explanation.
+      const auto same = other - 1;
+      const bool is_better =
+          !same->flags ||
+          (other->flags && other->flags->spread < kClearlySharper * same->flags->spread);
+      other = trials_.erase(is_better ? same : other);
+      if (is_better) ++other;
     }
     return std::move(trials_);
   }
 
  private:
+  void Add(const std::string& scan, const std::string& pose, Utime clock_offset) {
+    trials_.push_back({.scan = scan,
+                       .pose = pose,
+                       .clock_offset = clock_offset,
+                       .scans = 0,
+                       .flags = std::nullopt});
+  }
+
+  std::vector<RecordingSample> SamplesOf(size_t max_scans) const {
+    std::vector<RecordingSample> samples;
+    for (const FlagTrial& trial : trials_) {
+      samples.push_back(
+          SampleOf(scans_, survey_.PosesOf(trial.pose), TimeOffset(trial), max_scans));
+    }
+    CompareEqualScans(samples);
+    return samples;
+  }
+
+  // What is sharper on some scans has to be sharper on all, or nothing is changed.
+  static void CompareOnAll(const RecordingSample& all, const SensorOptions& given,
+                           FlagProposal& flags) {
+    flags.spread_given = SpreadOf(all, given).cells;
+    flags.spread = SpreadOf(all, flags.options).cells;
+    if (!flags.is_time_beyond && flags.spread >= kSharper * flags.spread_given) {
+      flags.options = given;
+      flags.spread = flags.spread_given;
+    }
+    SensorOptions flipped = flags.options;
+    flipped.bearing_sign = -flipped.bearing_sign;
+    flags.spread_flipped = SpreadOf(all, flipped).cells;
+  }
+
   Utime TimeOffset(const FlagTrial& trial) const { return given_.time_offset + trial.clock_offset; }
 
   // Spreads can be compared between pose channels where all have the same scans: those of the
@@ -113,6 +214,7 @@ class Trials {
 
   const Survey& survey_;
   SensorOptions given_;
+  std::vector<RangeReadings> scans_;
   std::vector<FlagTrial> trials_;
 };
 
@@ -188,6 +290,20 @@ std::string ProblemOf(const FlagTrial& trial) {
       trial.scan, trial.pose);
 }
 
+// What is odd about the poses of a channel, a clause, or nothing.
+std::string PoseComplaint(const Survey& survey, const std::string& pose) {
+  const Jumps jumps = JumpsOf(survey.PosesOf(pose));
+  if (jumps.count > 0) return PoseJumps(jumps.from, jumps.to, jumps.count);
+  if (const Tilts tilts = TiltsOf(survey.PosesOf(pose)); tilts.tilted > 0) {
+    return TiltedPoses(tilts.last, tilts.tilted, tilts.poses);
+  }
+  std::optional<TimedPose> coarse;
+  survey.PosesOf(pose).ForEach([&](const TimedPose& p) {
+    if (p.resolution_m > kCoarsePose_m) coarse = p;
+  });
+  return coarse ? CoarsePoses(*coarse) : "";
+}
+
 void RemarkOnClocks(const Survey& survey, std::vector<std::string>& remarks) {
   const std::vector<std::string> scans = ChannelsOf(survey, &IsScan);
   if (scans.empty()) return;
@@ -195,10 +311,13 @@ void RemarkOnClocks(const Survey& survey, std::vector<std::string>& remarks) {
   for (const SurveyedChannel& channel : survey.channels()) {
     if (!channel.type || !(IsPose(*channel.type) || IsScan(*channel.type))) continue;
     const double ahead_s = survey.Find(reference)->lag_s - channel.lag_s;
-    if (std::abs(ahead_s) < kOtherClock_s) continue;
-    remarks.push_back(fmt::format("{}: stamped by another clock, {:.1f} s {} that of {}",
-                                  channel.name, std::abs(ahead_s),
-                                  ahead_s > 0 ? "ahead of" : "behind", reference));
+    const bool is_told = !channel.odd_stamps.empty() || !survey.Find(reference)->odd_stamps.empty();
+    if (std::abs(ahead_s) < kOtherClock_s || is_told) continue;
+    remarks.push_back(fmt::format(
+        "{}: its stamps are {:.1f} s {} those of {} that are received "
+        "with them: {}",
+        channel.name, std::abs(ahead_s), ahead_s > 0 ? "ahead of" : "behind", reference,
+        std::abs(ahead_s) < kLongestWay_s ? "another clock, or a long way" : "another clock"));
   }
 }
 
@@ -222,6 +341,21 @@ absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& giv
   config::Config first_choice = config;
   first_choice.set_pose(poses.front());
   SPLINEMAP_RETURN_IF_ERROR(ChooseChannels(survey, first_choice));
+  const std::vector<std::string> all_poses = poses;
+  std::erase_if(poses, [&](const std::string& pose) { return !IsOfUse(survey, pose); });
+  if (poses.empty()) {
+    const std::string& pose = all_poses.front();
+    const std::string stamps = survey.Find(pose)->odd_stamps;
+    return InvalidArgument("nothing can be proposed: {}: {}", pose,
+                           stamps.empty() ? PoseComplaint(survey, pose) : stamps);
+  }
+  for (config::Scan& scan : *config.mutable_scan()) {
+    const auto complaint = survey.ReadingsOf(scan.channel()).Complain(scan.range_max_m());
+    if (complaint && !complaint->right_range_max_m) {
+      return InvalidArgument("nothing can be proposed: {}: {}", scan.channel(), complaint->text);
+    }
+    scan = WithWhatItNeeds(survey, scan);
+  }
 
   Proposal proposal;
   for (const config::Scan& scan : config.scan()) {
@@ -273,6 +407,19 @@ std::vector<std::string> Remarks(const Survey& survey) {
     if (channel.repeated > 0) {
       remark("{} of {} messages repeat the time of the one before; the first counts",
              channel.repeated, channel.messages);
+    }
+    if (!channel.odd_stamps.empty()) {
+      remark("{}", channel.odd_stamps);
+      if (IsScan(*channel.type)) {
+        remark(
+            "better than to correct them here is to correct the sender; the time of reception "
+            "(stamp=receive) comes late by the way of the message, and blurs turns");
+      }
+    }
+    const auto complaint = survey.ReadingsOf(channel.name).Complain(config::Scan().range_max_m());
+    if (complaint) remark("{}", complaint->text);
+    if (const std::string odd = PoseComplaint(survey, channel.name); !odd.empty()) {
+      remark("{}", odd);
     }
     if (channel.stepped_back > 0) {
       remark("message time steps back {} times; two in a row by a second or more begin anew",

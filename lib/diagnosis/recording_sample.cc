@@ -38,7 +38,8 @@ bool HasPosesAround(const PoseBuffer& poses, Utime utime) {
     return false;
   }
   const auto bracket = poses.Find(utime);
-  return bracket && bracket->after->utime - bracket->before->utime <= kMaxPoseGap;
+  return bracket && bracket->after->utime - bracket->before->utime <= kMaxPoseGap &&
+         !poses.IsInJump(utime) && !IsTiltedTooMuch(InterpolateUp(*bracket, utime));
 }
 
 RecordingSample SampleOf(const std::vector<RangeReadings>& scans, const PoseBuffer& poses,

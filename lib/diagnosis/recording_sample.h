@@ -22,8 +22,8 @@ struct RecordingSample {
 // The readings in at most `max_beams` beams, evenly chosen.
 RangeReadings Thinned(RangeReadings readings, size_t max_beams);
 
-// Whether there are poses before and after, far enough to try time offsets of a second, and no gap
-// at `utime`.
+// Whether there are poses before and after, far enough to try time offsets of a second, and neither
+// a gap nor a jump nor a tilted robot at `utime`.
 bool HasPosesAround(const PoseBuffer& poses, Utime utime);
 
 // A sample of scans that are there with all poses. `time_offset` brings the scans to the clock of

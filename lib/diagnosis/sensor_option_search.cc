@@ -21,8 +21,6 @@ constexpr Utime kMaxTriedOffset = seconds(1);
 // So near to it, the best of the tried offsets is the edge and no optimum.
 constexpr Utime kEdge = milliseconds(150);
 
-constexpr double kSharper = 0.95;
-
 bool HasBeamTimes(const RecordingSample& sample) {
   return std::all_of(sample.scans.begin(), sample.scans.end(), &HaveUsefulBeamTimes);
 }
@@ -34,16 +32,23 @@ void PlaceHits(const Scan& scan, const PoseBuffer& poses, std::vector<Eigen::Vec
   const Utime last = scan.utime + scan.last_beam;
   const auto at_first = poses.Find(first);
   const auto at_last = poses.Find(last);
-  if (!at_first || !at_last) return;
+  if (!at_first || !at_last || poses.IsInJump(first) || poses.IsInJump(last)) return;
+  const Eigen::Vector3d up_robot = InterpolateUp(*at_first, first);
+  if (IsTiltedTooMuch(up_robot)) return;
   const Pose2 from = Interpolate(*at_first, first);
   const Pose2 to = Interpolate(*at_last, last);
   const double span = std::max(1.0, static_cast<double>((last - first).count()));
+  std::vector<Pose2> world_T_sensor;
+  world_T_sensor.reserve(scan.beams.size());
   for (const Beam& beam : scan.beams) {
-    if (!beam.hit) continue;
     const auto passed = static_cast<double>((beam.time_offset - scan.first_beam).count());
-    const Pose2 world_T_sensor = Interpolate(from, to, passed / span) * scan.robot_T_sensor;
-    const double bearing_rad = world_T_sensor.yaw_rad + double{beam.bearing_rad};
-    hits.push_back(world_T_sensor.position_m + double{beam.range_m} * UnitVector(bearing_rad));
+    world_T_sensor.push_back(Interpolate(from, to, passed / span) * scan.robot_T_sensor);
+  }
+  std::vector<PlacedBeam> placed;
+  Place(scan.beams, world_T_sensor, placed);
+  Tilt(scan.beams, scan.robot_T_sensor.yaw_rad, up_robot, placed);
+  for (const PlacedBeam& beam : placed) {
+    if (beam.hit) hits.push_back(beam.origin_world_m + beam.range_m * beam.direction_world);
   }
 }
 
@@ -78,23 +83,41 @@ void TryOffsets(Best& best, SensorOptions options, Utime around, Utime reach, Ut
   }
 }
 
-// Sign of bearing and quarter turns of the sensor, whatever the time offset.
+// Wider ones than the messages say, which have it wrong where the format does not tell it. Narrower
+// ones make any map smaller.
+std::vector<double> FieldsOfView(const RecordingSample& sample, const SensorOptions& given) {
+  std::vector<double> fields{given.field_of_view_rad};
+  const double told_rad = given.field_of_view_rad > 0
+                              ? given.field_of_view_rad
+                              : FieldOfView(sample.scans.front().bearings_rad);
+  for (const double degrees : {240, 270, 360}) {
+    const double wider_rad = degrees * std::numbers::pi / 180;
+    if (told_rad > 0 && wider_rad > 1.1 * told_rad) fields.push_back(wider_rad);
+  }
+  return fields;
+}
+
+// Field of view, sign of bearing and quarter turns of the sensor, whatever the time offset.
 SensorOptions WithBestDirections(const RecordingSample& sample, const SensorOptions& given) {
   constexpr Utime kReach = milliseconds(400);
   constexpr Utime kStep = milliseconds(200);
   Best as_given(sample, given);
   TryOffsets(as_given, given, given.time_offset, kReach, kStep);
   Best other = as_given;
-  for (const int sign : {1, -1}) {
-    for (int quarters = 0; quarters < 4; ++quarters) {
-      SensorOptions options = given;
-      options.bearing_sign = sign;
-      options.mount.robot_T_sensor.yaw_rad += quarters * std::numbers::pi / 2;
-      TryOffsets(other, options, given.time_offset, kReach, kStep);
+  for (const double field_of_view_rad : FieldsOfView(sample, given)) {
+    for (const int sign : {1, -1}) {
+      for (int quarters = 0; quarters < 4; ++quarters) {
+        SensorOptions options = given;
+        options.field_of_view_rad = field_of_view_rad;
+        options.bearing_sign = sign;
+        options.mount.robot_T_sensor.yaw_rad += quarters * std::numbers::pi / 2;
+        TryOffsets(other, options, given.time_offset, kReach, kStep);
+      }
     }
   }
   SensorOptions found = given;
   if (other.cells() < kClearlySharper * as_given.cells()) {
+    found.field_of_view_rad = other.options().field_of_view_rad;
     found.bearing_sign = other.options().bearing_sign;
     found.mount = other.options().mount;
   }
@@ -193,6 +216,9 @@ config::Scan ScanWith(const config::Scan& given, const std::string& preset,
   scan.clear_scan_duration_ms();
   scan.clear_beam_times();
   scan.MergeFrom(beside);
+  if (options.field_of_view_rad > 0) {
+    scan.set_fov_deg(std::round(options.field_of_view_rad * 180 / std::numbers::pi));
+  }
   if (!scan.has_extrinsics_channel()) {
     scan.clear_yaw_deg();
     if (const double yaw_deg = YawDegrees(options); yaw_deg != 0) scan.set_yaw_deg(yaw_deg);

@@ -22,6 +22,8 @@ SampleSpread SpreadOf(const RecordingSample& sample, const SensorOptions& option
 inline constexpr size_t kMinDriveScans = 10;
 // A spread below this share of another's is no accident.
 inline constexpr double kClearlySharper = 0.8;
+// Times that make the map sharper by less are not worth being set.
+inline constexpr double kSharper = 0.95;
 
 // The options under which a drive gives the sharpest map.
 struct FlagProposal {
@@ -34,10 +36,10 @@ struct FlagProposal {
   bool is_time_beyond = false;
 };
 
-// Tries both signs of bearing, the sensor turned by quarters, time offsets up to a second to both
-// sides, scan durations and beam times. What makes no clear difference stays as given: 20 % for
-// sign and quarter turns, 5 % for times. Nothing where the sample tells nothing: fewer than 10
-// scans, a robot that turned by less than 30 degrees, no hits.
+// Tries wider fields of view, both signs of bearing, the sensor turned by quarters, time offsets up
+// to a second to both sides, scan durations and beam times. What makes no clear difference stays as
+// given: 20 % for fields of view, sign and quarter turns, 5 % for times. Nothing where the sample
+// tells nothing: fewer than 10 scans, a robot that turned by less than 30 degrees, no hits.
 std::optional<FlagProposal> SearchFlags(const RecordingSample& sample, const SensorOptions& given);
 
 // `given` with the options that a search may change replaced by those of `options`. Names the

@@ -82,7 +82,7 @@ void Survey::Add(Utime received, const std::string& name, absl::Span<const uint8
   sighting.last_received = received;
   if (!channel.type) SetType(sighting, message);
   if (!channel.type) return;
-  const absl::StatusOr<Utime> utime = Check(sighting, message);
+  const absl::StatusOr<Utime> utime = Check(sighting, message, received);
   if (!utime.ok()) {
     if (channel.malformed++ == 0) channel.complaint = ErrorText(utime.status());
     return;
@@ -97,6 +97,25 @@ void Survey::Add(Utime received, const std::string& name, absl::Span<const uint8
         std::max(channel.longest_gap_s, Seconds(*utime) - Seconds(*sighting.last_utime));
   }
   sighting.last_utime = *utime;
+  if (!sighting.first_utime) sighting.first_utime = *utime;
+}
+
+// By how they count on while messages come.
+std::string Survey::OddStamps(const Sighting& sighting) {
+  const SurveyedChannel& channel = sighting.channel;
+  constexpr int64_t kFewMessages = 10;
+  const double received_s = Seconds(sighting.last_received) - Seconds(sighting.first_received);
+  if (channel.messages < kFewMessages || received_s < 1 || !sighting.first_utime) return "";
+  const double stamped_s = Seconds(*sighting.last_utime) - Seconds(*sighting.first_utime);
+  const double rate = stamped_s / received_s;
+  const auto is_near = [&](double unit) { return rate > unit / 2 && rate < unit * 2; };
+  if (is_near(1e-3)) return "its time stamps seem to be milliseconds; messages have microseconds";
+  if (is_near(1e-6)) return "its time stamps seem to be seconds; messages have microseconds";
+  if (channel.repeated * 10 >= channel.messages * 9) {
+    return fmt::format("its time stamps do not count: {} of {} are {} us", channel.repeated + 1,
+                       channel.messages, sighting.last_utime->count());
+  }
+  return "";
 }
 
 void Survey::SetType(Sighting& sighting, absl::Span<const uint8_t> message) {
@@ -113,7 +132,8 @@ void Survey::SetType(Sighting& sighting, absl::Span<const uint8_t> message) {
                         (IsPose(*channel.type) && pose_channels_++ < kMaxPoseChannels);
 }
 
-absl::StatusOr<Utime> Survey::Check(Sighting& sighting, absl::Span<const uint8_t> message) {
+absl::StatusOr<Utime> Survey::Check(Sighting& sighting, absl::Span<const uint8_t> message,
+                                    Utime received) {
   SurveyedChannel& channel = sighting.channel;
   if (TypeOf(message) != channel.type) return InvalidArgument("{}", Describe(message));
   if (IsPose(*channel.type)) {
@@ -131,8 +151,10 @@ absl::StatusOr<Utime> Survey::Check(Sighting& sighting, absl::Span<const uint8_t
       channel.preset = DetectPreset(is_planar_lidar, readings).value_or("");
       channel.useless_beam_times = !is_planar_lidar && !HaveUsefulBeamTimes(readings);
     }
+    sighting.readings.Add(readings);
     if (sighting.is_sampled && sighting.scans.size() < kMaxScans) {
       sighting.scans.push_back(Thinned(std::move(readings), kMaxBeams));
+      sighting.scans_received.push_back(received);
     }
     return utime;
   }
@@ -152,6 +174,7 @@ std::vector<SurveyedChannel> Survey::channels() const {
     const double span_s = Seconds(sighting.last_received) - Seconds(sighting.first_received);
     if (span_s > 0) channel.rate_hz = static_cast<double>(channel.messages - 1) / span_s;
     channel.lag_s = Median(sighting.lags_s);
+    channel.odd_stamps = OddStamps(sighting);
   }
   return channels;
 }
@@ -171,6 +194,20 @@ const std::vector<RangeReadings>& Survey::ScansOf(const std::string& channel) co
   static const auto* const none = new std::vector<RangeReadings>();
   const auto place = sightings_.find(channel);
   return place == sightings_.end() ? *none : place->second.scans;
+}
+
+std::vector<RangeReadings> Survey::ScansAsReceived(const std::string& channel) const {
+  std::vector<RangeReadings> scans = ScansOf(channel);
+  for (size_t k = 0; k < scans.size(); ++k) {
+    scans[k] = At(std::move(scans[k]), sightings_.at(channel).scans_received[k]);
+  }
+  return scans;
+}
+
+const ReadingStatistics& Survey::ReadingsOf(const std::string& channel) const {
+  static const auto* const none = new ReadingStatistics();
+  const auto place = sightings_.find(channel);
+  return place == sightings_.end() ? *none : place->second.readings;
 }
 
 const PoseBuffer& Survey::PosesOf(const std::string& channel) const {

@@ -11,6 +11,7 @@
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "lib/config/config.h"
+#include "lib/diagnosis/reading_statistics.h"
 #include "lib/sensing/pose_buffer.h"
 #include "lib/wire/message_type.h"
 #include "splinemap/scan.h"
@@ -34,6 +35,7 @@ struct SurveyedChannel {
   int64_t stepped_back = 0;
   double longest_gap_s = 0;  // of utime
   double lag_s = 0;          // time of receipt less utime, the median: clock offset and way to us
+  std::string odd_stamps;    // a clause on utimes of another unit, or that do not count; or empty
 
   std::string preset;               // for scans: what the first message looks like
   bool useless_beam_times = false;  // for scans with beam times
@@ -56,6 +58,11 @@ class Survey {
   const std::vector<RangeReadings>& ScansOf(const std::string& channel) const;
   const PoseBuffer& PosesOf(const std::string& channel) const;
 
+  // Those scans at the times at which they were received.
+  std::vector<RangeReadings> ScansAsReceived(const std::string& channel) const;
+  // Of all scans of a channel.
+  const ReadingStatistics& ReadingsOf(const std::string& channel) const;
+
   // The first transform on a channel, or nothing where none came.
   std::optional<SensorMount> MountOf(const std::string& channel) const;
 
@@ -72,8 +79,11 @@ class Survey {
     SurveyedChannel channel;
     Utime first_received{0};
     Utime last_received{0};
+    std::optional<Utime> first_utime;
     std::optional<Utime> last_utime;
-    bool is_sampled = false;  // scans or poses are kept
+    ReadingStatistics readings;
+    std::vector<Utime> scans_received;  // for each of scans
+    bool is_sampled = false;            // scans or poses are kept
     std::vector<RangeReadings> scans;
     PoseBuffer poses{kAnyTime};
     std::optional<SensorMount> mount;
@@ -81,7 +91,9 @@ class Survey {
   };
 
   void SetType(Sighting& sighting, absl::Span<const uint8_t> message);
-  absl::StatusOr<Utime> Check(Sighting& sighting, absl::Span<const uint8_t> message);
+  absl::StatusOr<Utime> Check(Sighting& sighting, absl::Span<const uint8_t> message,
+                              Utime received);
+  static std::string OddStamps(const Sighting& sighting);
 
   static constexpr size_t kMaxLags = 10'000;
   static constexpr Utime kAnyTime = std::chrono::years(300);

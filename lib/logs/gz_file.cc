@@ -34,13 +34,14 @@ size_t GzFile::Read(uint8_t* data, size_t size) {
 bool GzFile::ReadLine(std::string& line) {
   constexpr size_t kMaxLine = 1 << 20;
   line.clear();
-  char buffer[1 << 14];
-  while (gzgets(file_.get(), buffer, sizeof buffer) != nullptr) {
-    line += buffer;
-    if (line.ends_with('\n')) {
-      line.pop_back();
+  for (int c; (c = gzgetc(file_.get())) != -1;) {
+    if (c == '\r') {
+      const int next = gzgetc(file_.get());
+      if (next != '\n' && next != -1) gzungetc(next, file_.get());
       return true;
     }
+    if (c == '\n') return true;
+    line += static_cast<char>(c);
     if (line.size() > kMaxLine) return true;
   }
   return !line.empty();

@@ -22,8 +22,8 @@ class GzFile {
   // Reads up to `size` bytes; fewer only at the end, or where the file is damaged.
   size_t Read(uint8_t* data, size_t size);
 
-  // The next line without its end; false at the end of the file. A line of more than a MiB comes in
-  // parts.
+  // The next line without its end (LF, CR LF or CR); false at the end of the file. A line of more
+  // than a MiB comes in parts.
   bool ReadLine(std::string& line);
 
   // The share of the file that was read, 0 .. 1.

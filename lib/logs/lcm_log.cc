@@ -5,6 +5,7 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <list>
 #include <optional>
 
 #include "lcm/lcm-cpp.hpp"
@@ -216,6 +217,49 @@ absl::Status ReadLcmLog(const std::string& path, absl::FunctionRef<void(const Lo
   }
   progress(1);
   return reader.status();
+}
+
+absl::Status ReadLcmLogInOrder(const std::string& path, const std::vector<std::string>& channels,
+                               absl::FunctionRef<Utime(const LogEvent&)> time_of,
+                               absl::FunctionRef<void(const LogEvent&)> visit,
+                               absl::FunctionRef<void(double)> progress) {
+  struct Stream {
+    std::string channel;
+    LogReader reader;
+    LogEvent next;
+    Utime time{0};
+
+    bool ReadOn(absl::FunctionRef<Utime(const LogEvent&)> time_of) {
+      while (reader.Next(next)) {
+        if (next.channel != channel) continue;
+        time = time_of(next);
+        return true;
+      }
+      return false;
+    }
+  };
+  std::list<Stream> streams;
+  for (const std::string& channel : channels) {
+    SPLINEMAP_ASSIGN_OR_RETURN(GzFile file, GzFile::Open(path));
+    streams.push_back({channel, LogReader(path, std::move(file)), {}});
+  }
+  absl::Status status;
+  const auto read_on = [&](std::list<Stream>::iterator stream) {
+    if (stream->ReadOn(time_of)) return;
+    status.Update(stream->reader.status());
+    streams.erase(stream);
+  };
+  for (auto stream = streams.begin(); stream != streams.end();) read_on(stream++);
+  for (int64_t count = 0; !streams.empty(); ++count) {
+    const auto earliest =
+        std::min_element(streams.begin(), streams.end(),
+                         [](const Stream& a, const Stream& b) { return a.time < b.time; });
+    if (count % 256 == 0) progress(earliest->reader.ShareRead());
+    visit(earliest->next);
+    read_on(earliest);
+  }
+  progress(1);
+  return status;
 }
 
 struct LcmLogWriter::Impl {

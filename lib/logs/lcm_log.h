@@ -28,6 +28,14 @@ struct LogEvent {
 absl::Status ReadLcmLog(const std::string& path, absl::FunctionRef<void(const LogEvent&)> visit,
                         absl::FunctionRef<void(double)> progress);
 
+// The same for messages of `channels` alone, in the order of `time_of`, where a channel comes late
+// in the file: each channel keeps the order of the file, and the one goes on whose next message is
+// the earliest. Reads the file once for each channel, in little memory.
+absl::Status ReadLcmLogInOrder(const std::string& path, const std::vector<std::string>& channels,
+                               absl::FunctionRef<Utime(const LogEvent&)> time_of,
+                               absl::FunctionRef<void(const LogEvent&)> visit,
+                               absl::FunctionRef<void(double)> progress);
+
 // Writes an LCM log, which gets its name when it is closed: a log that is cut short by a failure is
 // removed, and an older one stays. Thread-compatible.
 class LcmLogWriter {

@@ -6,6 +6,7 @@
 
 #include "lib/base/status.h"
 #include "lib/diagnosis/map_match.h"
+#include "lib/diagnosis/pose_oddities.h"
 #include "lib/wire/sensor_messages.h"
 
 namespace splinemap {
@@ -57,14 +58,16 @@ Mapper::Mapper(const config::Config& config, MapOptions map_options, Layer& laye
   channels_.erase(std::unique(channels_.begin(), channels_.end()), channels_.end());
 }
 
-void Mapper::HandleMessage(const std::string& channel, absl::Span<const uint8_t> message) {
+void Mapper::HandleMessage(const std::string& channel, absl::Span<const uint8_t> message,
+                           Utime received) {
   if (!std::binary_search(channels_.begin(), channels_.end(), channel)) return;
   ++counts_.messages_received;
   counts_.bytes_received += static_cast<int64_t>(message.size());
   if (channel == pose_channel_) HandlePose(message);
   for (size_t k = 0; k < scan_channels_.size(); ++k) {
     ScanChannel& scan_channel = scan_channels_[k];
-    if (channel == scan_channel.config.channel()) HandleScan(static_cast<int>(k), message);
+    if (channel == scan_channel.config.channel())
+      HandleScan(static_cast<int>(k), message, received);
     if (channel == scan_channel.config.extrinsics_channel()) {
       HandleExtrinsics(scan_channel, message);
     }
@@ -76,7 +79,7 @@ void Mapper::Flush() {
   MapReadyScans();
 }
 
-void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message) {
+void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message, Utime received) {
   ++counts_.scans_received;
   ScanChannel& scan_channel = scan_channels_[channel];
   const std::string& name = scan_channel.config.channel();
@@ -87,8 +90,11 @@ void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message) {
          ErrorText(readings.status()));
     return;
   }
+  counts_.beams_received += std::ssize(readings->ranges_m);
   if (!ChooseOptions(scan_channel, *type, *readings)) return;
+  CheckReadings(scan_channel, *readings);
   SensorOptions& options = *scan_channel.options;
+  if (options.stamp_is_receipt) *readings = At(*std::move(readings), received);
   if (scan_channel.config.has_extrinsics_channel()) {
     if (!scan_channel.mount) {
       Drop(DropReason::kNoExtrinsics, name, DropExplanation(DropReason::kNoExtrinsics));
@@ -162,6 +168,9 @@ void Mapper::HandlePose(absl::Span<const uint8_t> message) {
     Drop(DropReason::kPoseOutOfRange, pose_channel_,
          fmt::format("pose at ({}, {}) m; {:.0f} m is the most", p.x(), p.y(), max_coordinate_m_));
     return;
+  }
+  if (pose->resolution_m > kCoarsePose_m && !std::exchange(poses_are_coarse_, true)) {
+    Find(Problem::kCoarsePoses, pose_channel_, CoarsePoses(*pose));
   }
   newest_pose_utime_ = pose->utime;
   queue_.AddPose(*pose);
@@ -249,6 +258,22 @@ void Mapper::TryOtherFlags(ScanChannel& channel) {
   Find(Problem::kOptionsDisagree, channel.config.channel(), channel.better_options);
 }
 
+void Mapper::CheckReadings(ScanChannel& channel, const RangeReadings& readings) {
+  constexpr int64_t kChecked = 50;  // scans
+  channel.readings.Add(readings);
+  const int64_t scans = channel.readings.scans();
+  if (scans != ReadingStatistics::kMinScans && scans % kChecked != 0) return;
+  const auto complaint = channel.readings.Complain(channel.options->range_max_m);
+  if (!complaint) return;
+  std::string text = complaint->text;
+  if (complaint->right_range_max_m) {
+    config::Scan right = channel.config;
+    right.set_range_max_m(*complaint->right_range_max_m);
+    text += fmt::format(", as in --scan {}", ScanFlagOf(right));
+  }
+  Find(Problem::kOddReadings, channel.config.channel(), std::move(text));
+}
+
 void Mapper::Drop(DropReason reason, const std::string& channel, const std::string& explanation) {
   ++counts_.drops[reason];
   notices_.Add(true, fmt::format("{} {}", DropName(reason), channel),
@@ -280,7 +305,13 @@ void Mapper::NoticeQueueDrops() {
                                : pose_channel_,
          "message time jumped back (a log was rewound?); the map is kept");
   }
+  if (counts.pose_jumps > noticed_.pose_jumps) NoticePoseJump();
   noticed_ = counts;
+}
+
+void Mapper::NoticePoseJump() {
+  const auto& [from, to] = *queue_.counts().last_pose_jump;
+  Find(Problem::kPoseJump, pose_channel_, PoseJumps(from, to, queue_.counts().pose_jumps));
 }
 
 void Mapper::NoticeMissingPoses(int index) {

@@ -9,6 +9,7 @@
 
 #include "absl/types/span.h"
 #include "lib/config/config.h"
+#include "lib/diagnosis/reading_statistics.h"
 #include "lib/diagnosis/sensor_option_search.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/mapping/scan_scratch.h"
@@ -28,6 +29,7 @@ struct MapperCounts {
   int64_t scans_received = 0;  // of them, messages on scan channels
   int64_t poses_received = 0;
   int64_t scans_mapped = 0;
+  int64_t beams_received = 0;  // readings of all scans that could be decoded
   int64_t beams_mapped = 0;
   DropCounts drops;
   ProblemCounts problems{};
@@ -45,8 +47,9 @@ class Mapper {
   const std::vector<std::string>& channels() const { return channels_; }
 
   // One message of any channel; what is none of channels() is ignored. What cannot be used is
-  // dropped and counted.
-  void HandleMessage(const std::string& channel, absl::Span<const uint8_t> message);
+  // dropped and counted. When it was received counts where scans are to be stamped with that.
+  void HandleMessage(const std::string& channel, absl::Span<const uint8_t> message,
+                     Utime received = Utime(0));
 
   // The end of input: maps what still can be placed.
   void Flush();
@@ -67,7 +70,8 @@ class Mapper {
     std::string preset;                     // of options
     std::optional<MessageType> type;        // of message that options are for
     std::map<MessageType, std::string> detected_presets;
-    std::string better_options;               // if there are any, in words
+    std::string better_options;  // if there are any, in words
+    ReadingStatistics readings;
     std::optional<Utime> newest_utime;        // of its scans, time offset included
     std::optional<Pose2> last_world_T_robot;  // of its last scan mapped
     int scans_before_flags = 0;
@@ -75,7 +79,7 @@ class Mapper {
     bool has_no_poses = false;     // many scans in a row had no pose
   };
 
-  void HandleScan(int channel, absl::Span<const uint8_t> message);
+  void HandleScan(int channel, absl::Span<const uint8_t> message, Utime received);
   void HandlePose(absl::Span<const uint8_t> message);
   void HandleExtrinsics(ScanChannel& channel, absl::Span<const uint8_t> message);
   bool ChooseOptions(ScanChannel& channel, MessageType type, const RangeReadings& readings);
@@ -85,10 +89,12 @@ class Mapper {
   void Drop(DropReason reason, const std::string& channel, const std::string& explanation);
   void Find(Problem problem, const std::string& channel, std::string text);
   void NoticeQueueDrops();
+  void NoticePoseJump();
   void NoticeMissingPoses(int index);
   std::string WhyWithoutPoses(int index) const;
   void CheckAgainstMap(ScanChannel& channel, const PlacedScan& scan);
   void TryOtherFlags(ScanChannel& channel);
+  void CheckReadings(ScanChannel& channel, const RangeReadings& readings);
 
   std::vector<std::string> channels_;
   std::string pose_channel_;
@@ -104,6 +110,7 @@ class Mapper {
   Utime newest_scan_utime_{0};
   ScanQueueCounts noticed_;  // counts of queue_ that were noticed
   std::optional<Utime> newest_pose_utime_;
+  bool poses_are_coarse_ = false;
   NoticeList notices_;
 };
 

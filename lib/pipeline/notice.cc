@@ -6,6 +6,8 @@ namespace splinemap {
 
 const char* ProblemName(Problem problem) {
   switch (problem) {
+    case Problem::kOddReadings:
+      return "odd_readings";
     case Problem::kUselessBeamTimes:
       return "useless_beam_times";
     case Problem::kOptionsDisagree:
@@ -16,6 +18,10 @@ const char* ProblemName(Problem problem) {
       return "map_disagrees";
     case Problem::kTimeJump:
       return "time_jump";
+    case Problem::kCoarsePoses:
+      return "coarse_poses";
+    case Problem::kPoseJump:
+      return "pose_jump";
     case Problem::kHostClockJump:
       return "host_clock_jump";
     case Problem::kSilence:

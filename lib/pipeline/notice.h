@@ -10,11 +10,14 @@ namespace splinemap {
 
 // What is wrong beyond single messages; see DropReason for those.
 enum class Problem {
+  kOddReadings,        // other units, beyond range_max_m, or piled up at one range
   kUselessBeamTimes,   // configured to be used, and all the same
   kOptionsDisagree,    // other options of the sensor would make a sharper map
   kWithoutPoses,       // scans in a row that never get a pose
   kMapDisagrees,       // scans in a row whose hits lie in free space
   kTimeJump,           // message time stepped back
+  kCoarsePoses,        // floats far from the origin
+  kPoseJump,           // poses that no robot can have moved between
   kHostClockJump,      // the clock of this computer was set
   kSilence,            // a channel from which nothing comes
   kLostDatagrams,      // dropped by the system before the daemon could take them

@@ -32,6 +32,12 @@ Words WordsOf(DropReason reason) {
     case DropReason::kScanInPoseGap:
       return {"scan_in_pose_gap",
               "the poses around a scan are too far apart; see timing { max_pose_gap_ms }"};
+    case DropReason::kTiltedScan:
+      return {"tilted_scan",
+              "the pose tilts the robot by more than 10 degrees; if it is level, is the quaternion "
+              "of the pose in the order w, x, y, z?"};
+    case DropReason::kScanInPoseJump:
+      return {"scan_in_pose_jump", "the poses around a scan are further apart than a robot moves"};
     case DropReason::kScanQueueFull:
       return {"scan_queue_full", "too many scans wait for poses"};
     case DropReason::kMalformedPose:

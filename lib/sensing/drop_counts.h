@@ -16,6 +16,8 @@ enum class DropReason {
   kLateScan,             // older than a scan that is mapped already
   kScanWithoutPose,      // never bracketed by poses
   kScanInPoseGap,        // bracketed by poses too far apart
+  kTiltedScan,           // its robot was tilted by more than 10 degrees
+  kScanInPoseJump,       // bracketed by poses between which no robot can have moved
   kScanQueueFull,        // the oldest, when too many wait for poses
   kWrongTypeOfPose,      // another type of message on the pose channel
   kMalformedPose,        // cannot be decoded

@@ -12,6 +12,9 @@ namespace splinemap {
 struct TimedPose {
   Utime utime{0};
   Pose2 world_T_robot;
+  // The world's z axis in the robot's frame, a unit vector: how the robot is tilted.
+  Eigen::Vector3d up_robot = Eigen::Vector3d::UnitZ();
+  double resolution_m = 0;  // of the numbers of the message
 };
 
 // Poses of one robot by time, the newest few seconds of them. Thread-compatible.
@@ -44,12 +47,22 @@ class PoseBuffer {
   };
   std::optional<Bracket> Find(Utime utime) const;
 
+  // Whether the pose at `utime` is none: it is interpolated between poses that no robot can have
+  // moved between, or the one of this time is off from those before and after it, or from the one
+  // before it while none is after. Requires Find(utime).
+  bool IsInJump(Utime utime) const;
+
  private:
   std::deque<TimedPose> poses_;
   Utime history_;
 };
 
-// The pose at `utime` within the bracket.
+// Whether a robot would have moved at more than 30 m/s, by more than 1 m, or turned at more than 30
+// rad/s, by more than a quarter turn.
+bool IsJump(const TimedPose& before, const TimedPose& after);
+
+// The pose at `utime` within the bracket, and how the robot was tilted then.
 Pose2 Interpolate(const PoseBuffer::Bracket& bracket, Utime utime);
+Eigen::Vector3d InterpolateUp(const PoseBuffer::Bracket& bracket, Utime utime);
 
 }  // namespace splinemap

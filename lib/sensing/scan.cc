@@ -56,6 +56,29 @@ std::optional<Utime> BeamTime(const RangeReadings& readings, const SensorOptions
 
 }  // namespace
 
+double FieldOfView(absl::Span<const float> bearings_rad) {
+  if (bearings_rad.size() < 2) return 0;
+  const auto intervals = static_cast<double>(bearings_rad.size() - 1);
+  const double span_rad = double{bearings_rad.back()} - double{bearings_rad.front()};
+  const double step_rad = span_rad / intervals;
+  for (size_t k = 1; k < bearings_rad.size(); ++k) {
+    const double expected_rad = double{bearings_rad[0]} + static_cast<double>(k) * step_rad;
+    if (!(std::abs(double{bearings_rad[k]} - expected_rad) < 1e-3)) return 0;
+  }
+  return std::abs(bearings_rad.size() % 2 == 1 ? span_rad : span_rad + step_rad);
+}
+
+RangeReadings At(RangeReadings readings, Utime utime) {
+  for (Utime& beam_utime : readings.beam_utimes) {
+    // Times that are far off may be any numbers.
+    const bool is_near = beam_utime >= readings.utime - kMaxBeamTimeOffset &&
+                         beam_utime <= readings.utime + kMaxBeamTimeOffset;
+    beam_utime = is_near ? utime + (beam_utime - readings.utime) : utime;
+  }
+  readings.utime = utime;
+  return readings;
+}
+
 bool HaveUsefulBeamTimes(const RangeReadings& readings) {
   const std::vector<Utime>& times = readings.beam_utimes;
   if (times.size() < 2) return false;
@@ -86,6 +109,35 @@ void Place(absl::Span<const Beam> beams, absl::Span<const Pose2> world_T_sensor,
   }
 }
 
+bool IsTiltedTooMuch(const Eigen::Vector3d& up_robot) {
+  constexpr double kLeastUp = 0.984807753;  // cos 10 degrees
+  return std::abs(up_robot.z()) < kLeastUp;
+}
+
+// A beam's direction d in the robot's frame is Ry(pitch) Rx(roll) d in the world, before its yaw.
+void Tilt(absl::Span<const Beam> beams, double sensor_yaw_rad, const Eigen::Vector3d& up_robot,
+          std::vector<PlacedBeam>& placed) {
+  // Half a degree: a beam of 30 m gets a millimetre shorter.
+  constexpr double kLevelUp = 0.99996;
+  if (up_robot.z() >= kLevelUp) return;
+  const double sin_pitch = -up_robot.x();
+  const double cos_pitch = std::sqrt(1 - sin_pitch * sin_pitch);
+  const double sin_roll = up_robot.y() / cos_pitch;
+  const double cos_roll = up_robot.z() / cos_pitch;
+  for (size_t k = 0; k < beams.size(); ++k) {
+    const Eigen::Vector2d level = UnitVector(sensor_yaw_rad + double{beams[k].bearing_rad});
+    const Eigen::Vector2d tilted(cos_pitch * level.x() + sin_pitch * sin_roll * level.y(),
+                                 cos_roll * level.y());
+    const double share = std::sqrt(tilted.squaredNorm());
+    // The turn from `level` to `tilted`.
+    const double c = level.dot(tilted) / share;
+    const double s = (level.x() * tilted.y() - level.y() * tilted.x()) / share;
+    const Eigen::Vector2d d = placed[k].direction_world;
+    placed[k].direction_world = {c * d.x() - s * d.y(), s * d.x() + c * d.y()};
+    placed[k].range_m *= share;
+  }
+}
+
 absl::StatusOr<Scan> PrepareScan(const RangeReadings& readings, const SensorOptions& options,
                                  int channel) {
   const size_t count = readings.ranges_m.size();
@@ -100,11 +152,14 @@ absl::StatusOr<Scan> PrepareScan(const RangeReadings& readings, const SensorOpti
   scan.utime = readings.utime + options.time_offset;
   scan.robot_T_sensor = options.mount.robot_T_sensor;
   const int sign = options.mount.is_upside_down ? -options.bearing_sign : options.bearing_sign;
+  const double seen_rad = options.field_of_view_rad > 0 ? FieldOfView(readings.bearings_rad) : 0;
+  const auto stretch =
+      static_cast<float>(seen_rad > 0 ? sign * options.field_of_view_rad / seen_rad : sign);
   scan.beams.reserve(count);
   for (size_t k = 0; k < count; k += options.every_nth_beam) {
     std::optional<Beam> beam = Interpret(readings.ranges_m[k], options);
     if (!beam || !std::isfinite(readings.bearings_rad[k])) continue;
-    beam->bearing_rad = static_cast<float>(sign) * readings.bearings_rad[k];
+    beam->bearing_rad = stretch * readings.bearings_rad[k];
     if (IsMasked(beam->bearing_rad, options.masks)) continue;
     const std::optional<Utime> time_offset = BeamTime(readings, options, k);
     if (!time_offset) {

@@ -106,6 +106,11 @@ void ScanQueue::DropHeldScan(int channel) {
 
 void ScanQueue::HandlePose(const TimedPose& pose) {
   if (!poses_.Add(pose)) ++counts_.drops[DropReason::kDuplicatePose];
+  if (last_pose_ && last_pose_->utime < pose.utime && IsJump(*last_pose_, pose)) {
+    ++counts_.pose_jumps;
+    counts_.last_pose_jump = {*last_pose_, pose};
+  }
+  last_pose_ = pose;
   Drain(false);
 }
 
@@ -139,6 +144,8 @@ ScanQueue::Fate ScanQueue::Judge(const Scan& scan) const {
   const Utime first = scan.utime + scan.first_beam;
   const Utime last = scan.utime + scan.last_beam;
   if (!poses_.empty() && poses_.newest() >= last) {
+    // The next pose tells whether the newest is one.
+    if (poses_.newest() == last && poses_.IsInJump(last)) return Fate::kWait;
     return poses_.oldest() <= first ? Fate::kPlace : Fate::kNoPose;
   }
   const Utime newest_scan = newest_scan_[scan.channel].value_or(scan.utime);
@@ -185,14 +192,25 @@ void ScanQueue::Place(const Scan& scan) {
         ++counts_.drops[DropReason::kScanInPoseGap];
         return;
       }
+      if (poses_.IsInJump(utime)) {
+        ++counts_.drops[DropReason::kScanInPoseJump];
+        return;
+      }
       world_T_sensor = Interpolate(bracket, utime) * scan.robot_T_sensor;
       pose_time = utime;
     }
     poses.push_back(world_T_sensor);
   }
-  splinemap::Place(scan.beams, poses, placed.beams);
   // first_beam <= 0 <= last_beam: poses are on both sides of the scan's own time, too.
-  placed.world_T_robot = Interpolate(*poses_.Find(scan.utime), scan.utime);
+  const PoseBuffer::Bracket bracket = *poses_.Find(scan.utime);
+  const Eigen::Vector3d up_robot = InterpolateUp(bracket, scan.utime);
+  if (IsTiltedTooMuch(up_robot)) {
+    ++counts_.drops[DropReason::kTiltedScan];
+    return;
+  }
+  splinemap::Place(scan.beams, poses, placed.beams);
+  Tilt(scan.beams, scan.robot_T_sensor.yaw_rad, up_robot, placed.beams);
+  placed.world_T_robot = Interpolate(bracket, scan.utime);
   last_placed_ = {scan.utime, scan.channel};
   ready_.push_back(std::move(placed));
 }

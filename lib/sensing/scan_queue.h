@@ -42,6 +42,8 @@ struct ScanQueueCounts {
   DropCounts drops;
   int64_t time_jumps = 0;             // back, further than time_jump
   std::optional<int> jumped_channel;  // the last to jump: a scan channel, or else the poses
+  int64_t pose_jumps = 0;             // places, not times
+  std::optional<std::pair<TimedPose, TimedPose>> last_pose_jump;  // from, to
   // By channel: scans without pose since the last one that was placed.
   std::vector<int64_t> without_pose_in_a_row;
 };
@@ -101,6 +103,7 @@ class ScanQueue {
   // Stepped back by more than time_jump; the next message of the channel tells whether that is the
   // new time or a stamp gone wrong.
   std::optional<TimedPose> held_pose_;
+  std::optional<TimedPose> last_pose_;
   std::vector<std::optional<Scan>> held_scans_;  // by channel
   std::optional<Key> last_placed_;
   std::deque<PlacedScan> ready_;

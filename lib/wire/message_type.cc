@@ -79,6 +79,10 @@ Utime UtimeOf(absl::Span<const uint8_t> message) { return Utime(FieldAt(message,
 
 absl::Status CheckUtime(int64_t utime) {
   if (utime >= 0 && utime <= kMaxUtime) return absl::OkStatus();
+  constexpr int64_t kBeginOf2000_ns = 946'684'800'000'000'000;
+  if (utime > kBeginOf2000_ns) {
+    return InvalidArgument("time stamp {}, which seems to be nanoseconds; messages have us", utime);
+  }
   return InvalidArgument("time stamp {} us is no plausible time", utime);
 }
 

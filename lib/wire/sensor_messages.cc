@@ -1,5 +1,6 @@
 #include "lib/wire/sensor_messages.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -71,14 +72,20 @@ absl::StatusOr<TimedPose> DecodeBotCorePose(absl::Span<const uint8_t> bytes) {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto message, DecodeSensor<bot_core::pose_t>(bytes));
   const double* q = message.orientation;
   SPLINEMAP_RETURN_IF_ERROR(CheckUnitQuaternion("pose_t", q));
+  const Eigen::Vector3d up_robot(2 * (q[1] * q[3] - q[0] * q[2]), 2 * (q[2] * q[3] + q[0] * q[1]),
+                                 q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3]);
   return TimedPose{Utime(message.utime),
-                   {{message.pos[0], message.pos[1]}, YawOfQuaternion(q[0], q[1], q[2], q[3])}};
+                   {{message.pos[0], message.pos[1]}, YawOfQuaternion(q[0], q[1], q[2], q[3])},
+                   up_robot / std::sqrt(up_robot.squaredNorm())};
 }
 
 absl::StatusOr<TimedPose> DecodeMichiganPose(absl::Span<const uint8_t> bytes) {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto message, DecodeSensor<michigan::pose_xyt_t>(bytes));
-  return TimedPose{Utime(message.utime),
-                   {{double{message.x}, double{message.y}}, double{message.theta}}};
+  TimedPose pose{Utime(message.utime),
+                 {{double{message.x}, double{message.y}}, double{message.theta}}};
+  const float farthest_m = std::max(std::abs(message.x), std::abs(message.y));
+  pose.resolution_m = double{std::nextafter(farthest_m, HUGE_VALF)} - double{farthest_m};
+  return pose;
 }
 
 }  // namespace

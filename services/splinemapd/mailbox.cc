@@ -16,8 +16,8 @@ size_t Mailbox::Footprint(const Item& item) {
   return message == nullptr ? 0 : message->channel.size() + message->bytes.size() + kOverhead;
 }
 
-void Mailbox::Push(const std::string& channel, absl::Span<const uint8_t> message) {
-  Item item = MailboxMessage{channel, {message.begin(), message.end()}};
+void Mailbox::Push(const std::string& channel, absl::Span<const uint8_t> message, Utime received) {
+  Item item = MailboxMessage{channel, {message.begin(), message.end()}, received};
   {
     MutexLock lock(mutex_);
     if (Footprint(item) > max_bytes_) {

@@ -13,12 +13,14 @@
 #include "absl/types/span.h"
 #include "lib/base/clock.h"
 #include "lib/base/mutex.h"
+#include "splinemap/utime.h"
 
 namespace splinemap {
 
 struct MailboxMessage {
   std::string channel;
   std::vector<uint8_t> bytes;
+  Utime received{0};  // clock of the host
 };
 using Task = std::function<void()>;
 
@@ -31,7 +33,8 @@ class Mailbox {
 
   explicit Mailbox(size_t max_bytes) : max_bytes_(max_bytes) {}
 
-  void Push(const std::string& channel, absl::Span<const uint8_t> message);
+  void Push(const std::string& channel, absl::Span<const uint8_t> message,
+            Utime received = Utime(0));
   void Post(Task task);
 
   // The next item; where there is none, waits for it until `deadline` or a stop.

@@ -55,7 +55,7 @@ void MappingThread::Run(const std::stop_token& stop) {
 void MappingThread::MapMessage(const MailboxMessage& message) {
   const uint64_t revision_before = layer_.revision();
   const auto begin = Clock::now();
-  mapper_.HandleMessage(message.channel, message.bytes);
+  mapper_.HandleMessage(message.channel, message.bytes, message.received);
   const auto end = Clock::now();
   const auto scans = static_cast<int64_t>(layer_.revision() - revision_before);
   if (scans <= 0) return;

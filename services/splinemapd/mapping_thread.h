@@ -10,6 +10,7 @@
 
 #include "absl/status/status.h"
 #include "absl/types/span.h"
+#include "lib/base/host_clock.h"
 #include "lib/base/mutex.h"
 #include "lib/config/config.h"
 #include "lib/pipeline/mapper.h"
@@ -37,7 +38,7 @@ class MappingThread {
 
   // A message of channels(). Does not wait; when too many wait, the oldest are dropped and counted.
   void Handle(const std::string& channel, absl::Span<const uint8_t> message) {
-    mailbox_.Push(channel, message);
+    mailbox_.Push(channel, message, Utime(HostUtime()));
   }
 
   // Continues the layer in another session, or as another layer, after that is on disk; without its

@@ -49,6 +49,21 @@ void StatusReporter::CheckHealth() {
   CheckReplication(replication_);
   CheckLayers(replication_);
   CheckDuplicateNames();
+  CheckForRobots(replication_);
+}
+
+// A base station has nothing to do but to follow.
+void StatusReporter::CheckForRobots(const ReplicationThread::Report& report) {
+  constexpr std::chrono::seconds kPatience(10);
+  if (config_.service().sensors() || said_alone_ || !report.followed.empty()) return;
+  if (Clock::now() - started_ < kPatience) return;
+  said_alone_ = true;
+  parts_.notices.ReportProblem(
+      Problem::kSilence, "robots",
+      fmt::format("no robot was received on {}_DIGESTS for {} s. LCM's default URL keeps messages "
+                  "on their host (ttl=0): between hosts, give all of them --lcm-url "
+                  "'udpm://239.255.76.67:7667?ttl=1'",
+                  config_.channel_prefix(), kPatience.count()));
 }
 
 void StatusReporter::CheckClock() {
@@ -253,6 +268,7 @@ status_t StatusReporter::MakeStatus() {
   status.scans_received = counts.scans_received;
   status.poses_received = counts.poses_received;
   status.scans_mapped = counts.scans_mapped;
+  status.beams_received = counts.beams_received;
   status.beams_mapped = counts.beams_mapped;
   status.messages_dropped = counts.drops.Total();
   for (int k = 0; k < kNumDropReasons; ++k) {

@@ -53,6 +53,7 @@ class StatusReporter {
   void CheckReplication(const ReplicationThread::Report& report);
   void CheckLayers(const ReplicationThread::Report& report);
   void CheckDuplicateNames();
+  void CheckForRobots(const ReplicationThread::Report& report);
   void ReportDuplicateName(const LayerId& first, const LayerId& second);
   int64_t DroppedByOverload() const;
   // The growth of a count since the last call.
@@ -69,6 +70,7 @@ class StatusReporter {
   std::set<LayerId> reported_names_;
   std::map<LayerId, int64_t> disowned_;
   bool was_full_ = false;
+  bool said_alone_ = false;
   ReplicationThread::Report replication_;  // of the last CheckHealth()
   LayerReport layer_report_;
 };

@@ -9,7 +9,7 @@ namespace splinemap::fuzz_carmen_log {
 void Run(FuzzInput input) {
   static MemoryFile file;
   file.Set(input.Rest());
-  const auto log = ReadCarmenLog(file.path(), [](double) {});
+  const auto log = ReadCarmenLog(file.path(), std::nullopt, [](double) {});
   if (!log.ok()) return;
   const RepairedTimes times = RepairTimes(log->scans, 10);
   for (size_t k = 1; k < times.utimes.size(); ++k) {

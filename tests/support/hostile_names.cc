@@ -110,6 +110,8 @@ absl::Status Shout() {
 
 absl::Status WriteLog(const std::string& path) {
   SPLINEMAP_ASSIGN_OR_RETURN(LcmLogWriter writer, LcmLogWriter::Create(path));
+  std::vector<float> ranges_m;
+  for (int k = 0; k < 90; ++k) ranges_m.push_back(2 + 0.02F * static_cast<float>(k));
   for (int n = 0; n < 100; ++n) {
     const Utime utime(1'000'000 + 100'000 * n);
     for (const char* pose : {"Xpose1", "Xpose2"}) {
@@ -118,8 +120,7 @@ absl::Status WriteLog(const std::string& path) {
     }
     for (const char* scan : {"Xscan1", "Xscan2"}) {
       SPLINEMAP_RETURN_IF_ERROR(
-          writer.Write(utime, Hostile(scan),
-                       PlanarLidarMessage(utime, std::vector<float>(90, 3), 0, M_PI / 45)));
+          writer.Write(utime, Hostile(scan), PlanarLidarMessage(utime, ranges_m, 0, M_PI / 45)));
     }
   }
   return writer.Close();

@@ -7,7 +7,7 @@ namespace splinemap {
 
 absl::StatusOr<std::vector<RecordedScan>> ReadRecordedDrive(const std::string& path,
                                                             const SensorOptions& options) {
-  SPLINEMAP_ASSIGN_OR_RETURN(CarmenLog log, ReadCarmenLog(path, [](double) {}));
+  SPLINEMAP_ASSIGN_OR_RETURN(CarmenLog log, ReadCarmenLog(path, std::nullopt, [](double) {}));
   std::vector<RecordedScan> drive;
   for (CarmenScan& carmen : log.scans) {
     RangeReadings readings;

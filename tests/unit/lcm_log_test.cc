@@ -11,6 +11,7 @@
 
 #include "lib/base/status.h"
 #include "lib/wire/encode.h"
+#include "lib/wire/message_type.h"
 #include "tests/support/temporary_directory.h"
 
 namespace splinemap::lcm_log_test {
@@ -183,6 +184,34 @@ TEST_F(LcmLogTest, OtherFilesAreNoLogs) {
   EXPECT_TRUE(absl::IsNotFound(ReadLcmLog(
       directory_.path(), [](const LogEvent&) {}, [](double) {})));
   EXPECT_FALSE(LcmLogWriter::Create(directory_.File("no/such/folder")).ok());
+}
+
+// The poses of a log come before all scans, or after them.
+TEST_F(LcmLogTest, ChannelsAreBroughtIntoTheOrderOfTheirTimes) {
+  const std::string path = directory_.File("apart");
+  auto writer = LcmLogWriter::Create(path);
+  for (int k = 0; k < 100; ++k) {
+    ASSERT_TRUE(writer->Write(Utime(k), "POSE", PoseMessage({Utime(10 * k), {}})).ok());
+    ASSERT_TRUE(writer->Write(Utime(k), "OTHER", PoseMessage({Utime(0), {}})).ok());
+  }
+  for (int k = 0; k < 100; ++k) {
+    ASSERT_TRUE(writer->Write(Utime(k), "LASER", PoseMessage({Utime(10 * k + 5), {}})).ok());
+  }
+  ASSERT_TRUE(writer->Close().ok());
+  std::vector<int64_t> times;
+  const auto time_of = [](const LogEvent& event) { return UtimeOf(event.message); };
+  const auto status = ReadLcmLogInOrder(
+      path, {"LASER", "NONE", "POSE"}, time_of,
+      [&](const LogEvent& event) {
+        EXPECT_NE(event.channel, "OTHER");
+        times.push_back(UtimeOf(event.message).count());
+      },
+      [](double share) { EXPECT_LE(share, 1); });
+  EXPECT_TRUE(status.ok()) << status;
+  EXPECT_EQ(times.size(), 200u);
+  EXPECT_TRUE(std::is_sorted(times.begin(), times.end()));
+  EXPECT_TRUE(absl::IsNotFound(ReadLcmLogInOrder(
+      directory_.File("none"), {"POSE"}, time_of, [](const LogEvent&) {}, [](double) {})));
 }
 
 }  // namespace splinemap::lcm_log_test

@@ -300,8 +300,8 @@ TEST_F(MapperTest, AFullMapDropsScansAndKeepsWhatItHas) {
   config_.mutable_service()->set_max_map_mb(1);
   Configure("LASER:bot_core");
   for (int n = 0; n < 1000; ++n) {
-    Pose(n, 10.0 * n);
-    ScanLeft(n);
+    Pose(1000 * n, 10.0 * n);
+    ScanLeft(1000 * n);
   }
   EXPECT_GE(layer_.tiles().size(), 512u);
   EXPECT_LT(layer_.tiles().size(), 520u);
@@ -339,6 +339,47 @@ TEST_F(MapperTest, FlushMapsWhatTheOrderHeldBack) {
   EXPECT_EQ(mapper_->scans_queued(), 1u);
   mapper_->Flush();
   EXPECT_EQ(mapper_->counts().scans_mapped, 1);
+}
+
+TEST_F(MapperTest, ScansWithoutUsefulStampsTakeTheTimeOfReception) {
+  Configure("LASER:bot_core,stamp=receive");
+  for (int n = 0; n < 10; ++n) {
+    Pose(100 * n, 0.1 * n);
+    mapper_->HandleMessage("LASER", Encode(PlanarLidarMessage(Utime(0), {2}, M_PI / 2, 0)),
+                           std::chrono::milliseconds(100 * n));
+  }
+  EXPECT_EQ(mapper_->counts().scans_mapped, 10);
+  EXPECT_GT(At(0.9, 2), 0.5);
+}
+
+TEST_F(MapperTest, OddReadingsAreSaidWithTheFlagThatMends) {
+  Configure("LASER:bot_core");
+  std::vector<float> ranges_m(90);
+  for (size_t k = 0; k < ranges_m.size(); ++k) ranges_m[k] = 31 + 0.3F * static_cast<float>(k);
+  for (int n = 0; n < 60; ++n) {
+    Pose(100 * n, 0.1 * n);
+    mapper_->HandleMessage(
+        "LASER", Encode(PlanarLidarMessage(std::chrono::milliseconds(100 * n), ranges_m, 0, 0.05)));
+  }
+  EXPECT_GE(Problems(Problem::kOddReadings), 1);
+  const std::vector<Notice> notices = mapper_->DrainNotices();
+  ASSERT_EQ(notices.size(), 1u);
+  EXPECT_NE(notices[0].text.find("--scan LASER:bot_core,range_max_m="), std::string::npos)
+      << notices[0].text;
+  EXPECT_EQ(mapper_->counts().beams_received, 60 * 90);
+  EXPECT_EQ(mapper_->counts().beams_mapped, 0);
+}
+
+TEST_F(MapperTest, PosesThatJumpAreSaidWithBoth) {
+  Configure("LASER:bot_core");
+  Pose(0, 1);
+  Pose(100, 500);
+  EXPECT_EQ(Problems(Problem::kPoseJump), 1);
+  const std::vector<Notice> notices = mapper_->DrainNotices();
+  ASSERT_EQ(notices.size(), 1u);
+  EXPECT_NE(notices[0].text.find("from (1.0, 0.0) m to (500.0, 0.0) m in 0.100 s"),
+            std::string::npos)
+      << notices[0].text;
 }
 
 }  // namespace splinemap::mapper_test

@@ -84,7 +84,10 @@ TEST_F(ProposalTest, PosesOfAnotherClockAreBroughtToTheScans) {
             std::vector<std::string>{"LIDAR:michigan_2014,time_offset_ms=1000000000"});
   const std::vector<std::string> remarks = Remarks(survey_);
   ASSERT_EQ(remarks.size(), 1u);
-  EXPECT_EQ(remarks[0], "ODOMETRY: stamped by another clock, 1000000.0 s ahead of that of LIDAR");
+  EXPECT_EQ(
+      remarks[0],
+      "ODOMETRY: its stamps are 1000000.0 s ahead of those of LIDAR that are received with them: "
+      "another clock");
 }
 
 TEST_F(ProposalTest, AClockThatIsNonsenseIsNotMadeAnOption) {
@@ -267,6 +270,53 @@ TEST_F(ProposalTest, OddThingsAreRemarkedOn) {
   EXPECT_NE(all.find("SLAM: 1 of 3003 messages repeat the time"), std::string::npos) << all;
   EXPECT_NE(all.find("SLAM: a gap of 10.0 s"), std::string::npos) << all;
   EXPECT_NE(all.find("LIDAR: its beam times are all the same"), std::string::npos) << all;
+}
+
+// Poses that are heard late are of the same clock.
+TEST_F(ProposalTest, LatePosesAreNoOtherClock) {
+  DriveInRoom(
+      {.sign = 1}, 1,
+      [&](const TimedPose& pose) {
+        survey_.Add(pose.utime + milliseconds(1200), "SLAM", Encode(PoseMessage(pose)));
+      },
+      [&](const RangeReadings& scan) {
+        survey_.Add(scan.utime, "LIDAR", Encode(LidarMessage(scan)));
+      });
+  config::Config given;
+  *given.add_scan() = *ParseScanFlag("LIDAR:bot_core,scan_duration_ms=100");
+  const auto proposal = Propose(survey_, given);
+  ASSERT_TRUE(proposal.ok()) << proposal.status();
+  EXPECT_EQ(proposal->trials[0].clock_offset, Utime(0));
+  EXPECT_EQ(proposal->trials[0].flags->options.time_offset, Utime(0));
+}
+
+TEST_F(ProposalTest, WhatCannotBeJudgedIsNotProposed) {
+  int n = 0;
+  DriveInRoom(
+      {}, 1,
+      [&](const TimedPose& pose) {
+        TimedPose jumping = pose;
+        if (++n % 2 == 0) jumping.world_T_robot.position_m.x() += 300;
+        Add("SLAM", pose.utime, Encode(PoseMessage(jumping)));
+      },
+      [&](const RangeReadings& scan) { Add("LIDAR", scan.utime, Encode(LidarMessage(scan))); });
+  const auto jumping = Propose(survey_, {});
+  EXPECT_NE(std::string(jumping.status().message()).find("do two localisations publish on it?"),
+            std::string::npos)
+      << jumping.status();
+
+  Survey millimetres;
+  DriveInRoom(
+      {}, 1,
+      [&](const TimedPose& pose) {
+        millimetres.Add(pose.utime, "SLAM", Encode(PoseMessage(pose)));
+      },
+      [&](RangeReadings scan) {
+        for (float& range_m : scan.ranges_m) range_m *= 1000;
+        millimetres.Add(scan.utime, "LIDAR", Encode(LidarMessage(scan)));
+      });
+  EXPECT_NE(std::string(Propose(millimetres, {}).status().message()).find("millimetres"),
+            std::string::npos);
 }
 
 }  // namespace splinemap::proposal_test

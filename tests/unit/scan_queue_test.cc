@@ -399,4 +399,42 @@ TEST(ScanQueueLawTest, TheInterleavingOfChannelsDoesNotMatter) {
   }
 }
 
+TEST_F(ScanQueueTest, ScansInAJumpOfPosesAreLeftOut) {
+  // One pose is off, by 1 km, at the time of a scan and between scans.
+  for (int64_t ms = 0; ms <= 1000; ms += 100) {
+    if (ms == 500) {
+      queue_.AddPose({milliseconds(ms), {{1000, 0}, 0}});
+    } else {
+      Pose(ms);
+    }
+    ScanAt(ms);
+    if (ms >= 100) ScanAt(ms - 50);
+  }
+  Pose(1100);
+  EXPECT_EQ(Dropped(DropReason::kScanInPoseJump), 3) << "at 450, 500 and 550 ms";
+  EXPECT_EQ(queue_.counts().pose_jumps, 2);
+  for (const PlacedScan& scan : placed_) EXPECT_LT(scan.world_T_robot.position_m.x(), 2);
+}
+
+TEST_F(ScanQueueTest, ACorrectionOfTheLocalisationCostsTheScanBetweenAlone) {
+  for (int64_t ms = 0; ms < 500; ms += 100) Pose(ms);
+  for (int64_t ms = 500; ms <= 1000; ms += 100) {
+    queue_.AddPose({milliseconds(ms), {{50, 0}, 0}});
+  }
+  for (const int64_t ms : {400, 450, 500, 550}) ScanAt(ms);
+  EXPECT_EQ(Dropped(DropReason::kScanInPoseJump), 1);
+  EXPECT_EQ(placed_.size(), 3u);
+}
+
+TEST_F(ScanQueueTest, ScansOfATiltedRobotAreLeftOut) {
+  TimedPose tilted{milliseconds(1000), {{1, 0}, 0}};
+  tilted.up_robot = {std::sin(0.35), 0, std::cos(0.35)};
+  Pose(0);
+  queue_.AddPose(tilted);
+  Pose(2000);
+  for (const int64_t ms : {100, 1000, 1900}) ScanAt(ms);
+  EXPECT_EQ(Dropped(DropReason::kTiltedScan), 1);
+  EXPECT_EQ(placed_.size(), 2u);
+}
+
 }  // namespace splinemap::scan_queue_test

@@ -6,6 +6,8 @@
 #include <limits>
 #include <numbers>
 
+#include "Eigen/Geometry"
+
 namespace splinemap::scan_test {
 
 using std::chrono::milliseconds;
@@ -168,6 +170,64 @@ TEST(PrepareScanTest, NoBeamAndOneBeamAreScansToo) {
   options.scan_duration = milliseconds(100);
   EXPECT_TRUE(PrepareScan(Readings({}), options, 0)->beams.empty());
   EXPECT_EQ(PrepareScan(Readings({1}), options, 0)->last_beam, milliseconds(0));
+}
+
+TEST(PrepareScanTest, AFieldOfViewStretchesBearings) {
+  RangeReadings readings;
+  for (int k = 0; k < 360; ++k) {
+    readings.ranges_m.push_back(2);
+    readings.bearings_rad.push_back(
+        static_cast<float>(-std::numbers::pi / 2 + k * std::numbers::pi / 360));
+  }
+  EXPECT_NEAR(FieldOfView(readings.bearings_rad), std::numbers::pi, 1e-6);
+  SensorOptions options;
+  options.field_of_view_rad = 2 * std::numbers::pi;
+  const auto scan = PrepareScan(readings, options, 0);
+  ASSERT_TRUE(scan.ok());
+  EXPECT_NEAR(scan->beams[0].bearing_rad, -std::numbers::pi, 1e-5);
+  EXPECT_NEAR(scan->beams[1].bearing_rad - scan->beams[0].bearing_rad, std::numbers::pi / 180,
+              1e-5);
+  EXPECT_NEAR(FieldOfView(std::vector<float>(readings.bearings_rad.begin(),
+                                             readings.bearings_rad.begin() + 5)),
+              4 * std::numbers::pi / 360, 1e-6);
+  EXPECT_EQ(FieldOfView(std::vector<float>{0, 1, 5}), 0) << "no equal steps";
+  EXPECT_EQ(FieldOfView(std::vector<float>{0}), 0);
+}
+
+TEST(AtTest, BeamTimesGoWithTheScan) {
+  RangeReadings readings = Readings({1, 2, 3});
+  readings.beam_utimes = {seconds(100), seconds(101), Utime::min()};
+  const RangeReadings later = At(readings, seconds(500));
+  EXPECT_EQ(later.utime, seconds(500));
+  EXPECT_EQ(later.beam_utimes, (std::vector<Utime>{seconds(500), seconds(501), seconds(500)}));
+}
+
+// Against the rotation matrix Rz(yaw) Ry(pitch) Rx(roll).
+TEST(TiltTest, BeamsAreThoseOfTheRotatedPlaneSeenFromAbove) {
+  for (const double roll : {0.0, 0.12, -0.1, std::numbers::pi, std::numbers::pi - 0.1}) {
+    for (const double pitch : {0.0, 0.09, -0.15}) {
+      const double yaw = 0.7;
+      const double sensor_yaw = 0.4;
+      const Eigen::Matrix3d world_R_robot = (Eigen::AngleAxisd(yaw, Eigen::Vector3d::UnitZ()) *
+                                             Eigen::AngleAxisd(pitch, Eigen::Vector3d::UnitY()) *
+                                             Eigen::AngleAxisd(roll, Eigen::Vector3d::UnitX()))
+                                                .toRotationMatrix();
+      std::vector<Beam> beams;
+      for (int k = -6; k < 6; ++k)
+        beams.push_back({5, 0.5F * static_cast<float>(k), Utime(0), true});
+      std::vector<PlacedBeam> placed;
+      Place(beams, std::vector<Pose2>{{{1, 2}, yaw + sensor_yaw}}, placed);
+      Tilt(beams, sensor_yaw, world_R_robot.row(2).transpose(), placed);
+      for (size_t k = 0; k < beams.size(); ++k) {
+        const double theta = sensor_yaw + beams[k].bearing_rad;
+        const Eigen::Vector3d end =
+            world_R_robot * Eigen::Vector3d(5 * std::cos(theta), 5 * std::sin(theta), 0);
+        EXPECT_LT((placed[k].range_m * placed[k].direction_world - end.head<2>()).norm(), 1e-3)
+            << "roll " << roll << " pitch " << pitch;
+        EXPECT_NEAR(placed[k].direction_world.norm(), 1, 1e-9);
+      }
+    }
+  }
 }
 
 }  // namespace splinemap::scan_test

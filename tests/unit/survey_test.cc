@@ -117,4 +117,28 @@ TEST(SurveyTest, ChannelsAreChosenWhereThereIsNoChoice) {
             "ODOMETER is no channel of poses (did you mean ODOMETRY?); there are: ODOMETRY, POSE");
 }
 
+TEST(SurveyTest, StampsThatAreNoMicrosecondsAreNamed) {
+  struct Case {
+    int64_t unit_us;  // of one count of the stamps
+    const char* text;
+  };
+  for (const Case& c : {Case{1, ""}, Case{1000, "milliseconds"}, Case{1'000'000, "seconds"}}) {
+    Survey survey;
+    for (int64_t us = 0; us < 20'000'000; us += 100'000) {
+      survey.Add(Utime(1'700'000'000'000'000 + us), "LASER",
+                 Encode(PlanarLidarMessage(Utime((1'700'000'000'000'000 + us) / c.unit_us),
+                                           std::vector<float>(40, 1), 0, 0.1)));
+    }
+    const std::string odd = survey.Find("LASER")->odd_stamps;
+    EXPECT_EQ(odd.empty(), c.unit_us == 1) << odd;
+    EXPECT_NE(odd.find(c.text), std::string::npos) << odd;
+  }
+  Survey survey;
+  for (int n = 0; n < 50; ++n) survey.Add(milliseconds(100 * n), "LASER", Scan(0));
+  EXPECT_NE(survey.Find("LASER")->odd_stamps.find("do not count"), std::string::npos);
+  const std::vector<RangeReadings> scans = survey.ScansAsReceived("LASER");
+  ASSERT_EQ(scans.size(), 50u);
+  EXPECT_EQ(scans[7].utime, milliseconds(700));
+}
+
 }  // namespace splinemap::survey_test

@@ -19,6 +19,13 @@ struct RangeReadings {
   std::vector<Utime> beam_utimes;   // as many as ranges_m, or empty
 };
 
+// The same readings at another time, those of their beams too.
+RangeReadings At(RangeReadings readings, Utime utime);
+
+// The angle that bearings at equal steps span, with the step behind the last one where their number
+// is even, as of scanners that measure all round or half a turn; 0 where the steps are not equal.
+double FieldOfView(absl::Span<const float> bearings_rad);
+
 // Whether the beam times of a message may tell when its beams were: there are some, each near the
 // message's time, and they are not all the same (to 10 ms), as from drivers that stamp whole scans.
 bool HaveUsefulBeamTimes(const RangeReadings& readings);
@@ -53,6 +60,16 @@ struct PlacedBeam {
 // pose of its own.
 void Place(absl::Span<const Beam> beams, absl::Span<const Pose2> world_T_sensor,
            std::vector<PlacedBeam>& placed);
+
+// Of a robot that is tilted by more than 10 degrees no planar map can be made: it sees the floor,
+// or over the walls. `up_robot` is the world's z axis in its frame, a unit vector.
+bool IsTiltedTooMuch(const Eigen::Vector3d& up_robot);
+
+// Turns beams of a tilted robot, or of one that is upside down, out of its plane, and shortens them
+// to what they reach in the horizontal one; those of a robot that is level to half a degree stay.
+// `placed` are those of `beams`, of a sensor that is turned by `sensor_yaw_rad` on the robot.
+void Tilt(absl::Span<const Beam> beams, double sensor_yaw_rad, const Eigen::Vector3d& up_robot,
+          std::vector<PlacedBeam>& placed);
 
 // Most beams of one scan. With it the sums of one scan cannot overflow; see ScanScratch.
 inline constexpr int kMaxBeams = 16384;

@@ -26,6 +26,12 @@ struct SensorOptions {
   // hangs upside down).
   int bearing_sign = 1;
 
+  // Stretches bearings about the sensor's x axis until a scan spans this angle; 0: as messages say.
+  double field_of_view_rad = 0;
+
+  // Takes the time at which the message was received in place of its time stamp; beam times are
+  // shifted with it.
+  bool stamp_is_receipt = false;
   // Added to the time stamp of every message.
   Utime time_offset{0};
   // Time from the first listed beam to the last. Negative where the message lists the beams against
