@@ -111,7 +111,11 @@ SensorOptions WithBestDirections(const RecordingSample& sample, const SensorOpti
         options.field_of_view_rad = field_of_view_rad;
         options.bearing_sign = sign;
         options.mount.robot_T_sensor.yaw_rad += quarters * std::numbers::pi / 2;
-        TryOffsets(other, options, given.time_offset, kReach, kStep);
+        if (field_of_view_rad == given.field_of_view_rad) {
+          TryOffsets(other, options, given.time_offset, kReach, kStep);
+        } else {
+          other.Try(options);  // rarely right, so it is not worth all offsets
+        }
       }
     }
   }
