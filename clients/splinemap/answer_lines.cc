@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "absl/strings/ascii.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_split.h"
 #include "clients/splinemap/print.h"
@@ -24,9 +25,31 @@ size_t NumColumns(const LineAnswers& answers) {
   return 1 + std::count(answers.row.begin(), answers.row.end(), ',');
 }
 
+// Separated by semicolons, else commas, else spaces or tabs.
+std::vector<std::string> WordsOf(const std::string& line) {
+  std::vector<std::string> words;
+  const bool has_separator = line.find_first_of(";,") != std::string::npos;
+  if (has_separator) {
+    words = absl::StrSplit(line, line.find(';') != std::string::npos ? ';' : ',');
+  } else {
+    words = absl::StrSplit(line, absl::ByAnyChar(" \t\r"), absl::SkipEmpty());
+  }
+  for (std::string& word : words) absl::StripAsciiWhitespace(&word);
+  return words;
+}
+
+// Whether it names columns: no word of it is a number.
+bool IsHeader(const std::string& line) {
+  double number = 0;
+  for (const std::string& word : WordsOf(line)) {
+    if (absl::SimpleAtod(word, &number)) return false;
+  }
+  return true;
+}
+
 // More columns are ignored.
 std::optional<Row> ParseRow(const std::string& line, const LineAnswers& answers) {
-  const std::vector<std::string> words = absl::StrSplit(line, ',');
+  const std::vector<std::string> words = WordsOf(line);
   Row row(NumColumns(answers));
   if (words.size() < row.size()) return std::nullopt;
   for (size_t k = 0; k < row.size(); ++k) {
@@ -57,7 +80,6 @@ absl::Status AnswerBatch(const QueryableMap& map, const LineAnswers& answers, bo
   return absl::OkStatus();
 }
 
-// A first line without numbers is a header.
 absl::Status AnswerFile(const QueryableMap& map, const LineFlags& flags,
                         const LineAnswers& answers) {
   std::ifstream file;
@@ -72,8 +94,10 @@ absl::Status AnswerFile(const QueryableMap& map, const LineFlags& flags,
   std::vector<std::optional<Row>> batch;
   int64_t invalid = 0;
   for (int64_t number = 1; std::getline(in, line); ++number) {
+    constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
+    if (number == 1 && line.starts_with(kByteOrderMark)) line.erase(0, kByteOrderMark.size());
     std::optional<Row> row = ParseRow(line, answers);
-    if (number == 1 && !row) {
+    if (number == 1 && !row && IsHeader(line)) {
       if (!flags.json) fmt::print("{}\n", answers.columns);
       continue;
     }

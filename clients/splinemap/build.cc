@@ -144,6 +144,12 @@ absl::StatusOr<int> Build(const BuildFlags& flags) {
   const MapperCounts counts = drive->mapper.counts();
   if (!drive->read.ok()) PrintLine(stderr, "{}", ErrorText(drive->read));
   ReportDrops(counts.drops);
+  if (counts.scans_received == 0 || counts.poses_received == 0) {
+    std::string damage;  // is reported already
+    SPLINEMAP_ASSIGN_OR_RETURN(const Survey survey, SurveyLog(
+                                                        flags.log, [](double) {}, damage));
+    SPLINEMAP_RETURN_IF_ERROR(ChooseChannels(survey, config));
+  }
   if (counts.scans_mapped == 0) {
     return FailedPrecondition(
         "no scan of {} was mapped; {} scans and {} poses are on {}. See splinemap doctor {}",

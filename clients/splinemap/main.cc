@@ -1,4 +1,5 @@
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <exception>
 #include <memory>
@@ -7,6 +8,7 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/print.h"
+#include "lib/base/did_you_mean.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 
@@ -52,6 +54,18 @@ std::vector<std::string> ArgumentsOf(int argc, char** argv) {
   return arguments;
 }
 
+// What is wrong with the first argument, which is a command or a flag; nothing where all is well.
+std::string ProblemOfCommand(const CLI::App& app, const std::vector<std::string>& arguments) {
+  if (arguments.size() < 2) return "give a command";
+  const std::string& command = arguments[1];
+  std::vector<std::string> names;
+  for (const CLI::App* known : app.get_subcommands([](const CLI::App*) { return true; })) {
+    names.push_back(known->get_name());
+  }
+  if (command.starts_with('-') || std::count(names.begin(), names.end(), command) > 0) return "";
+  return fmt::format("there is no command {}{}", command, DidYouMean(command, names));
+}
+
 int Main(int argc, char** argv) {
   CLI::App app(
       "splinemap: builds, queries, merges and draws continuous occupancy maps of LCM robots.");
@@ -75,13 +89,20 @@ int Main(int argc, char** argv) {
   AddMerge(app, chosen);
   AddFlatten(app, chosen);
   AddBackup(app, chosen);
+  AddCrop(app, chosen);
   AddDoctor(app, chosen);
   AddWatch(app, chosen);
   AddSnapshot(app, chosen);
+  AddSave(app, chosen);
+  AddClear(app, chosen);
   AddBridge(app, chosen);
   AddSimulate(app, chosen);
   AddImportCarmen(app, chosen);
   const std::vector<std::string> arguments = ArgumentsOf(argc, argv);
+  if (const std::string problem = ProblemOfCommand(app, arguments); !problem.empty()) {
+    PrintLine(stderr, "splinemap: {}; splinemap --help lists the commands", problem);
+    return kUsage;
+  }
   std::vector<const char*> pointers;
   for (const std::string& argument : arguments) pointers.push_back(argument.c_str());
   try {

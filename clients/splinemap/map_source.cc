@@ -1,11 +1,14 @@
 #include "clients/splinemap/map_source.h"
 
 #include <CLI/App.hpp>
+#include <chrono>
+#include <thread>
 
 #include "absl/strings/numbers.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
 #include "clients/splinemap/follow.h"
+#include "clients/splinemap/print.h"
 #include "lib/base/status.h"
 #include "lib/map/summed_layers.h"
 #include "splinemap/client.h"
@@ -82,6 +85,19 @@ std::vector<Eigen::Vector2d> PointsOf(absl::Span<const double> numbers) {
   return points;
 }
 
+namespace {
+
+void WarnOfOtherMaps(const MapClient& client) {
+  constexpr std::chrono::milliseconds kOtherReplies(100);
+  std::this_thread::sleep_for(kOtherReplies);
+  const std::vector<std::string> robots = client.RobotsOfOtherMaps();
+  if (robots.empty()) return;
+  PrintLine(stderr, "the daemon of {} answers; {} have another map. Choose with --robot",
+            PlainText(client.daemon().name), PlainText(fmt::format("{}", fmt::join(robots, ", "))));
+}
+
+}  // namespace
+
 absl::StatusOr<MapSource> OpenMapSource(const MapSourceFlags& flags) {
   if (flags.live) {
     ClientOptions options;
@@ -89,6 +105,7 @@ absl::StatusOr<MapSource> OpenMapSource(const MapSourceFlags& flags) {
     options.robot = flags.robot;
     options.deadline = flags.bus.Timeout();
     SPLINEMAP_ASSIGN_OR_RETURN(auto client, MapClient::Connect(flags.bus.lcm_url, options));
+    if (flags.robot.empty()) WarnOfOtherMaps(*client);
     return MapSource{std::move(client), kSuccess};
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.arguments.at(0)));

@@ -60,6 +60,10 @@ class MapClient::Impl {
     MutexLock lock(mutex_);
     return *flow_.daemon();
   }
+  std::vector<std::string> RobotsOfOtherMaps() {
+    MutexLock lock(mutex_);
+    return flow_.RobotsOfOtherMaps();
+  }
   std::chrono::milliseconds deadline() const { return deadline_; }
 
  private:
@@ -244,6 +248,8 @@ absl::Status MapClient::Set(const LayerChange& change, std::chrono::milliseconds
   request.shift_j = change.shift.j;
   return impl_->Command(std::move(request), deadline);
 }
+
+std::vector<std::string> MapClient::RobotsOfOtherMaps() const { return impl_->RobotsOfOtherMaps(); }
 
 DaemonIdentity MapClient::daemon() const { return impl_->daemon(); }
 

@@ -118,6 +118,7 @@ void RequestFlow::HandleMessage(absl::Span<const uint8_t> message, Clock::time_p
     Pump(now);
     return;
   }
+  if (search_for_any_ == *id) HandleLaterSearchReply(message);
   const auto sent = sent_.find(*id);
   if (sent == sent_.end()) return;  // twice, or nobody waits any more
   const int64_t number = sent->second.request;
@@ -152,12 +153,31 @@ void RequestFlow::HandleSearchReply(absl::Span<const uint8_t> message) {
     if (!is_known && heard_.size() < kMaxHeard) heard_.push_back(header.name);
     return;
   }
+  if (robot_.empty()) {
+    search_for_any_ = search_->id;
+    found_ = {{header.name, header.revision}};
+  }
   search_.reset();
   const auto nonce = static_cast<uint64_t>(header.daemon_nonce);
   const bool is_same = daemon_ && daemon_->nonce == nonce;
   robot_ = header.name;
   daemon_ = DaemonIdentity{header.name, nonce, static_cast<uint64_t>(header.session_number)};
   if (!is_same) BeginAllAnew();
+}
+
+void RequestFlow::HandleLaterSearchReply(absl::Span<const uint8_t> message) {
+  const auto reply = Decode<points_reply_t>(message);
+  if (!reply.ok() || reply->header.daemon_nonce == 0 || found_.size() >= kMaxHeard) return;
+  found_.try_emplace(reply->header.name, reply->header.revision);
+}
+
+std::vector<std::string> RequestFlow::RobotsOfOtherMaps() const {
+  std::vector<std::string> robots;
+  const auto own = found_.find(robot_);
+  for (const auto& [name, revision] : found_) {
+    if (own != found_.end() && revision != own->second) robots.push_back(name);
+  }
+  return robots;
 }
 
 void RequestFlow::BeginAllAnew() {

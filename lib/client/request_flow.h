@@ -55,6 +55,9 @@ class RequestFlow {
   // Looks for the daemon; until it is found, requests wait.
   void Seek(Clock::time_point now);
   const std::optional<DaemonIdentity>& daemon() const { return daemon_; }
+  // Of several daemons that answered when any was looked for: robots whose map is in another
+  // revision than that of daemon().
+  std::vector<std::string> RobotsOfOtherMaps() const;
   // What to say when none was found.
   std::string WhyNoDaemon() const;
 
@@ -113,6 +116,7 @@ class RequestFlow {
 
   static bool IsDue(Retry& retry, Clock::time_point now);
   void HandleSearchReply(absl::Span<const uint8_t> message);
+  void HandleLaterSearchReply(absl::Span<const uint8_t> message);
   void Begin(int64_t number, Request& request);
   void BeginAllAnew();
   void Pump(Clock::time_point now);
@@ -127,6 +131,9 @@ class RequestFlow {
   std::optional<DaemonIdentity> daemon_;
   std::optional<Search> search_;
   std::vector<std::string> heard_;  // other robots, while searching
+  // Of the last search for any robot: whose replies came, and the revisions of their maps.
+  std::optional<int64_t> search_for_any_;
+  std::map<std::string, int64_t> found_;
   std::map<int64_t, Request> requests_;
   std::deque<int64_t> turns_;     // requests that have chunks to send
   std::map<int64_t, Sent> sent_;  // by id: chunks without a reply so far

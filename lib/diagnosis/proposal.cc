@@ -19,6 +19,7 @@ constexpr double kOtherClock_s = 0.5;
 // Further apart, one of them is nonsense; options take no such offset.
 constexpr double kMaxClockOffset_s = 3e9;
 constexpr double kLongGap_s = 1;
+constexpr double kNonsenseGap_s = 1e7;
 // Nothing is on its way for longer.
 constexpr double kLongestWay_s = 10;
 
@@ -65,6 +66,20 @@ Jumps JumpsOf(const PoseBuffer& poses) {
     last = pose;
   });
   return jumps;
+}
+
+// Whether the robot stayed within a few centimetres and degrees.
+bool StoodStill(const PoseBuffer& poses) {
+  constexpr double kStill_m = 0.1;
+  constexpr double kStill_rad = 0.1;
+  std::optional<Pose2> first;
+  bool still = true;
+  poses.ForEach([&](const TimedPose& pose) {
+    if (!first) first = pose.world_T_robot;
+    still &= (pose.world_T_robot.position_m - first->position_m).norm() < kStill_m &&
+             std::abs(WrapAngle(pose.world_T_robot.yaw_rad - first->yaw_rad)) < kStill_rad;
+  });
+  return still;
 }
 
 struct Tilts {
@@ -370,7 +385,13 @@ absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& giv
         return survey.Find(a.channel())->messages < survey.Find(b.channel())->messages;
       });
   const FlagTrial* sharpest = Sharpest(proposal.trials, busiest->channel());
-  if (sharpest == nullptr && poses.size() > 1) {
+  if (sharpest == nullptr && poses.size() > 1 &&
+      std::all_of(poses.begin(), poses.end(),
+                  [&](const std::string& pose) { return StoodStill(survey.PosesOf(pose)); })) {
+    proposal.cautions.push_back(
+        "the robot stood still, so nothing can be told of the flags, and any of the poses gives "
+        "this map");
+  } else if (sharpest == nullptr && poses.size() > 1) {
     return InvalidArgument(
         "the robot drove and turned too little to tell which poses are best; listen longer, or "
         "choose:\n  --pose {}",
@@ -425,7 +446,9 @@ std::vector<std::string> Remarks(const Survey& survey) {
       remark("message time steps back {} times; two in a row by a second or more begin anew",
              channel.stepped_back);
     }
-    if (channel.longest_gap_s > kLongGap_s) {
+    if (channel.longest_gap_s > kNonsenseGap_s) {
+      remark("a time stamp is years after the one before");
+    } else if (channel.longest_gap_s > kLongGap_s) {
       remark("a gap of {:.1f} s between two messages", channel.longest_gap_s);
     }
     if (channel.useless_beam_times && channel.preset == "michigan_2017") {

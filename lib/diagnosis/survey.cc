@@ -14,6 +14,9 @@
 namespace splinemap {
 namespace {
 
+// Of fewer messages, or in less time, a rate is chance.
+constexpr double kLeastSpan_s = 0.1;
+
 // In floating point, since the times of a damaged log may be anything.
 double Seconds(Utime utime) { return static_cast<double>(utime.count()) * 1e-6; }
 
@@ -172,7 +175,8 @@ std::vector<SurveyedChannel> Survey::channels() const {
   for (const auto& [name, sighting] : sightings_) {
     SurveyedChannel& channel = channels.emplace_back(sighting.channel);
     const double span_s = Seconds(sighting.last_received) - Seconds(sighting.first_received);
-    if (span_s > 0) channel.rate_hz = static_cast<double>(channel.messages - 1) / span_s;
+    if (channel.messages > 2 && span_s > kLeastSpan_s)
+      channel.rate_hz = static_cast<double>(channel.messages - 1) / span_s;
     channel.lag_s = Median(sighting.lags_s);
     channel.odd_stamps = OddStamps(sighting);
   }

@@ -97,12 +97,17 @@ void CommandHandlers::ChangeLayer(const layer_command_request_t& request,
     return;
   }
   const LayerId id{request.name, static_cast<uint64_t>(request.origin)};
+  std::string text = NameOf(*command);
+  if (*command == LayerCommand::kShift) {
+    text += fmt::format(" by ({}, {}) knots", request.shift_i, request.shift_j);
+  }
   replication_.Edit(
       id,
       [command = *command, request](const SessionId& session, LayerSettings& settings) {
         return Change(command, request, session, settings);
       },
-      [this, command = *command, id, done = std::move(done)](const absl::Status& changed) {
+      [this, command = *command, text, client = static_cast<uint64_t>(request.header.client), id,
+       done = std::move(done)](const absl::Status& changed) {
         if (!changed.ok()) {
           done(changed);
           return;
@@ -111,7 +116,7 @@ void CommandHandlers::ChangeLayer(const layer_command_request_t& request,
         notices_.Report(
             {.is_problem = false,
              .subject = fmt::format("layers {} {}", NameOf(command), name),
-             .text = fmt::format("a client sent {} for layer {}", NameOf(command), name)});
+             .text = fmt::format("client {:016x} sent {} for layer {}", client, text, name)});
         saver_.Save(done);
       });
 }

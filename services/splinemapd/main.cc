@@ -157,7 +157,7 @@ void StartLog() {
       "splinemapd", std::make_shared<spdlog::sinks::stderr_color_sink_mt>(), spdlog::thread_pool(),
       spdlog::async_overflow_policy::overrun_oldest));
   auto formatter = std::make_unique<spdlog::pattern_formatter>();
-  formatter->add_flag<PlainPayload>('*').set_pattern("%H:%M:%S %^%l%$ %*");
+  formatter->add_flag<PlainPayload>('*').set_pattern("%Y-%m-%d %H:%M:%S %^%l%$ %*");
   spdlog::set_formatter(std::move(formatter));
 }
 

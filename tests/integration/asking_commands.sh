@@ -178,6 +178,23 @@ expect 1 splinemap ray none.splinemap 0 0 0
 expect_text "there is no file none.splinemap" err
 expect 1 splinemap query --live 0 0 --robot nobody --timeout 0.5
 expect_text "nobody" err
+
+# Commands to a daemon, and two daemons that do not follow each other
+expect 0 splinemap save
+expect_text "the daemon of robot saved its map" err
+splinemapd --map other.splinemap --name other --scan OTHER --pose OTHER_POSE --follow other 2> other.log &
+other=$!
+await splinemap query --live 0 0 --robot other
+expect 0 splinemap query --live 0 0
+expect_text "have another map. Choose with --robot" err
+expect 0 splinemap query --live 0 0 --robot robot
+[[ ! -s err ]] || fail "a robot was chosen: $(cat err)"
+kill "$other"
+wait "$other" || fail "the other daemon: $(cat other.log)"
+refused "--robot is required" clear
+expect 0 splinemap clear --robot robot
+expect 0 splinemap layers --live --json
+[[ $(jq '[.[].layers[] | select(.name == "robot").tiles] | add' out) == 0 ]] || fail "cleared: $(cat out)"
 kill "$daemon"
 wait "$daemon" || fail "the daemon: $(cat daemon.log)"
 echo "asking_commands: all is well"

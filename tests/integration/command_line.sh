@@ -41,9 +41,32 @@ rm -r twin.*
 expect 2 splinemap build room.lcmlog x.splinemap --name 'no/name'
 expect 2 splinemap build room.lcmlog x.splinemap --scan LASER:nonsense
 expect_text "michigan_2014" err
-expect 1 splinemap build room.lcmlog x.splinemap --scan NOWHERE --pose POSE
-expect_text "no scan of room.lcmlog was mapped" err
+expect 2 splinemap build room.lcmlog x.splinemap --scan LASR --pose POSE
+expect_text "LASR is no channel of scans (did you mean LASER?)" err
 [[ ! -e x.splinemap ]] || fail "a build without scans left a map"
+
+# commands
+expect 2 splinemap
+expect_text "give a command" err
+expect 2 splinemap rendr room.splinemap
+expect_text "there is no command rendr (did you mean render?)" err
+
+# crop
+expect 0 splinemap crop room.splinemap crop.splinemap --region 1.7,-2,2,-1.7
+expect 0 splinemap query crop.splinemap 2 -1.8
+[[ $(tail -n 1 out) == "$(splinemap query room.splinemap 2 -1.8 | tail -n 1)" ]] || fail "cropped: $(cat out)"
+expect 1 splinemap crop room.splinemap nothing.splinemap --region 100,100,101,101
+[[ ! -e nothing.splinemap ]] || fail "a crop of nothing"
+
+# points in other ways of writing CSV
+for line in '2.0,0.5' '2.0;0.5' '2.0 0.5' $'2.0\t0.5' $' 2.0 , 0.5\r'; do
+  printf '\xef\xbb\xbf%s\n' "$line" > points.csv
+  expect 0 splinemap query room.splinemap --points points.csv
+  [[ $(cut -d , -f 1-3 out) == "$(splinemap query room.splinemap 2.0 0.5 | tail -n 1 | cut -d , -f 1-3)" ]] ||
+    fail "$line: $(cat out)"
+done
+printf '1.0;x\n2.0;0.5\n' > points.csv
+expect 2 splinemap query room.splinemap --points points.csv  # the first line is no header
 
 # info, query, render
 expect 0 splinemap info room.splinemap --json
@@ -250,7 +273,7 @@ subcommands() {
   splinemap "$@" --help | awk '/^Subcommands:/ { inside = 1; next } NF == 0 { inside = 0 } inside { print $1 }'
 }
 mapfile -t commands < <(subcommands)
-((${#commands[@]} == 21)) || fail "commands: ${commands[*]}"
+((${#commands[@]} == 24)) || fail "commands: ${commands[*]}"
 mapfile -t settings < <(subcommands layer | sed 's/^/layer /')
 ((${#settings[@]} == 6)) || fail "commands of layer: ${settings[*]}"
 live=()
@@ -288,7 +311,7 @@ done
 [[ ${live[*]} == "render export query ray check distance raster layers ${settings[*]}" ]] ||
   fail "take --live: ${live[*]}"
 [[ ${json[*]} == "info query ray check distance diff layers doctor watch" ]] || fail "print JSON: ${json[*]}"
-[[ ${force[*]} == "build render export raster merge flatten backup snapshot simulate import-carmen ${settings[*]}" ]] ||
+[[ ${force[*]} == "build render export raster merge flatten backup crop snapshot simulate import-carmen ${settings[*]}" ]] ||
   fail "write files: ${force[*]}"
 expect 2 splinemap control mute robot
 expect 2 splinemap remove room.splinemap robot -o x.splinemap

@@ -139,6 +139,22 @@ TEST_F(RequestFlowTest, TheWantedRobotIsFoundAmongOthers) {
   EXPECT_EQ(daemons_[0].requests, 1) << "but for the search";
 }
 
+TEST_F(RequestFlowTest, RobotsWithAnotherMapAreNamedWhereNoneWasChosen) {
+  daemons_.resize(3);
+  daemons_[1].name = "follower";
+  daemons_[1].nonce = 2;
+  daemons_[2].name = "other";
+  daemons_[2].nonce = 3;
+  auto other = std::make_shared<MapView>(*daemons_[2].map);
+  ++other->revision;
+  daemons_[2].map = other;
+  Find();
+  EXPECT_EQ(flow_->RobotsOfOtherMaps(), std::vector<std::string>{"other"});
+  flow_ = std::make_unique<RequestFlow>("MAP", "robot", 7);
+  Find();
+  EXPECT_TRUE(flow_->RobotsOfOtherMaps().empty());
+}
+
 TEST_F(RequestFlowTest, WhoIsMissingIsSaid) {
   flow_ = std::make_unique<RequestFlow>("MAP", "nobody", 7);
   flow_->Seek(now_);

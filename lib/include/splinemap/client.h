@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
@@ -75,6 +76,10 @@ class MapClient : public QueryableMap {
 
   // As of its last reply.
   DaemonIdentity daemon() const;
+
+  // Of several daemons that answered Connect() without a robot: those whose maps were in another
+  // revision. They come some ms after the first.
+  std::vector<std::string> RobotsOfOtherMaps() const;
 
  private:
   class Impl;
