@@ -9,14 +9,19 @@ namespace splinemap {
 
 // Poses whose numbers have longer steps make walls thicker.
 inline constexpr double kCoarsePose_m = 0.01;
-// So many jumps are no slip of the localisation.
-inline constexpr int64_t kManyPoseJumps = 10;
-
-// What to say of poses that no robot can have moved between, the last two and how often in all; and
-// of those whose numbers are too coarse. Clauses.
+// Clauses on two poses that no robot can have moved between, the last of `jumps`, and on one whose
+// numbers are too coarse.
 std::string PoseJumps(const TimedPose& from, const TimedPose& to, int64_t jumps);
 std::string CoarsePoses(const TimedPose& pose);
-// Of poses that tilt the robot too much, `tilted` of `poses`.
-std::string TiltedPoses(const TimedPose& pose, int64_t tilted, int64_t poses);
+
+// What is odd about poses: they jump, tilt the robot too much or are too coarse. A clause, or
+// nothing.
+std::string PoseComplaint(const PoseBuffer& poses);
+
+// Whether a map can be made with them: few of them jump, and few tilt the robot too much.
+bool ArePossible(const PoseBuffer& poses);
+
+// Whether the robot stayed within a few centimetres and degrees.
+bool StoodStill(const PoseBuffer& poses);
 
 }  // namespace splinemap

@@ -53,56 +53,8 @@ config::Scan WithWhatItNeeds(const Survey& survey, const config::Scan& scan) {
   return mended;
 }
 
-struct Jumps {
-  int64_t count = 0;
-  TimedPose from;  // the last one
-  TimedPose to;
-};
-Jumps JumpsOf(const PoseBuffer& poses) {
-  Jumps jumps;
-  std::optional<TimedPose> last;
-  poses.ForEach([&](const TimedPose& pose) {
-    if (last && IsJump(*last, pose)) jumps = {jumps.count + 1, *last, pose};
-    last = pose;
-  });
-  return jumps;
-}
-
-// Whether the robot stayed within a few centimetres and degrees.
-bool StoodStill(const PoseBuffer& poses) {
-  constexpr double kStill_m = 0.1;
-  constexpr double kStill_rad = 0.1;
-  std::optional<Pose2> first;
-  bool still = true;
-  poses.ForEach([&](const TimedPose& pose) {
-    if (!first) first = pose.world_T_robot;
-    still &= (pose.world_T_robot.position_m - first->position_m).norm() < kStill_m &&
-             std::abs(WrapAngle(pose.world_T_robot.yaw_rad - first->yaw_rad)) < kStill_rad;
-  });
-  return still;
-}
-
-struct Tilts {
-  int64_t poses = 0;
-  int64_t tilted = 0;  // too much
-  TimedPose last;
-};
-Tilts TiltsOf(const PoseBuffer& poses) {
-  Tilts tilts;
-  poses.ForEach([&](const TimedPose& pose) {
-    ++tilts.poses;
-    if (!IsTiltedTooMuch(pose.up_robot)) return;
-    ++tilts.tilted;
-    tilts.last = pose;
-  });
-  return tilts;
-}
-
-// Poses of which most can be, on a clock that counts.
 bool IsOfUse(const Survey& survey, const std::string& pose) {
-  const Tilts tilts = TiltsOf(survey.PosesOf(pose));
-  return JumpsOf(survey.PosesOf(pose)).count * 10 <= tilts.poses &&
-         tilts.tilted * 2 <= tilts.poses && survey.Find(pose)->odd_stamps.empty();
+  return ArePossible(survey.PosesOf(pose)) && survey.Find(pose)->odd_stamps.empty();
 }
 
 std::string PresetOf(const Survey& survey, const config::Scan& scan) {
@@ -305,20 +257,6 @@ std::string ProblemOf(const FlagTrial& trial) {
       trial.scan, trial.pose);
 }
 
-// What is odd about the poses of a channel, a clause, or nothing.
-std::string PoseComplaint(const Survey& survey, const std::string& pose) {
-  const Jumps jumps = JumpsOf(survey.PosesOf(pose));
-  if (jumps.count > 0) return PoseJumps(jumps.from, jumps.to, jumps.count);
-  if (const Tilts tilts = TiltsOf(survey.PosesOf(pose)); tilts.tilted > 0) {
-    return TiltedPoses(tilts.last, tilts.tilted, tilts.poses);
-  }
-  std::optional<TimedPose> coarse;
-  survey.PosesOf(pose).ForEach([&](const TimedPose& p) {
-    if (p.resolution_m > kCoarsePose_m) coarse = p;
-  });
-  return coarse ? CoarsePoses(*coarse) : "";
-}
-
 void RemarkOnClocks(const Survey& survey, std::vector<std::string>& remarks) {
   const std::vector<std::string> scans = ChannelsOf(survey, &IsScan);
   if (scans.empty()) return;
@@ -334,6 +272,30 @@ void RemarkOnClocks(const Survey& survey, std::vector<std::string>& remarks) {
         channel.name, std::abs(ahead_s), ahead_s > 0 ? "ahead of" : "behind", reference,
         std::abs(ahead_s) < kLongestWay_s ? "another clock, or a long way" : "another clock"));
   }
+}
+
+// Of a robot that stood still any poses do; else it is not told which are best.
+absl::Status CheckStoodStill(const Survey& survey, const std::vector<std::string>& poses) {
+  if (std::all_of(poses.begin(), poses.end(),
+                  [&](const std::string& pose) { return StoodStill(survey.PosesOf(pose)); })) {
+    return absl::OkStatus();
+  }
+  return InvalidArgument(
+      "the robot drove and turned too little to tell which poses are best; listen longer, or "
+      "choose:\n  --pose {}",
+      PlainLines(fmt::format("{}", fmt::join(poses, "\n  --pose "))));
+}
+
+// Those of `poses` that can be, at least one.
+absl::StatusOr<std::vector<std::string>> PosesOfUse(const Survey& survey,
+                                                    const std::vector<std::string>& poses) {
+  std::vector<std::string> of_use = poses;
+  std::erase_if(of_use, [&](const std::string& pose) { return !IsOfUse(survey, pose); });
+  if (!of_use.empty()) return of_use;
+  const std::string& pose = poses.front();
+  const std::string stamps = survey.Find(pose)->odd_stamps;
+  return InvalidArgument("nothing can be proposed: {}: {}", pose,
+                         stamps.empty() ? PoseComplaint(survey.PosesOf(pose)) : stamps);
 }
 
 }  // namespace
@@ -356,14 +318,7 @@ absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& giv
   config::Config first_choice = config;
   first_choice.set_pose(poses.front());
   SPLINEMAP_RETURN_IF_ERROR(ChooseChannels(survey, first_choice));
-  const std::vector<std::string> all_poses = poses;
-  std::erase_if(poses, [&](const std::string& pose) { return !IsOfUse(survey, pose); });
-  if (poses.empty()) {
-    const std::string& pose = all_poses.front();
-    const std::string stamps = survey.Find(pose)->odd_stamps;
-    return InvalidArgument("nothing can be proposed: {}: {}", pose,
-                           stamps.empty() ? PoseComplaint(survey, pose) : stamps);
-  }
+  SPLINEMAP_ASSIGN_OR_RETURN(poses, PosesOfUse(survey, poses));
   for (config::Scan& scan : *config.mutable_scan()) {
     const auto complaint = survey.ReadingsOf(scan.channel()).Complain(scan.range_max_m());
     if (complaint && !complaint->right_range_max_m) {
@@ -385,17 +340,11 @@ absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& giv
         return survey.Find(a.channel())->messages < survey.Find(b.channel())->messages;
       });
   const FlagTrial* sharpest = Sharpest(proposal.trials, busiest->channel());
-  if (sharpest == nullptr && poses.size() > 1 &&
-      std::all_of(poses.begin(), poses.end(),
-                  [&](const std::string& pose) { return StoodStill(survey.PosesOf(pose)); })) {
+  if (sharpest == nullptr && poses.size() > 1) {
+    SPLINEMAP_RETURN_IF_ERROR(CheckStoodStill(survey, poses));
     proposal.cautions.push_back(
         "the robot stood still, so nothing can be told of the flags, and any of the poses gives "
         "this map");
-  } else if (sharpest == nullptr && poses.size() > 1) {
-    return InvalidArgument(
-        "the robot drove and turned too little to tell which poses are best; listen longer, or "
-        "choose:\n  --pose {}",
-        PlainLines(fmt::format("{}", fmt::join(poses, "\n  --pose "))));
   }
   proposal.pose = sharpest != nullptr ? sharpest->pose : poses.front();
   for (const config::Scan& scan : config.scan()) {
@@ -439,7 +388,7 @@ std::vector<std::string> Remarks(const Survey& survey) {
     }
     const auto complaint = survey.ReadingsOf(channel.name).Complain(config::Scan().range_max_m());
     if (complaint) remark("{}", complaint->text);
-    if (const std::string odd = PoseComplaint(survey, channel.name); !odd.empty()) {
+    if (const std::string odd = PoseComplaint(survey.PosesOf(channel.name)); !odd.empty()) {
       remark("{}", odd);
     }
     if (channel.stepped_back > 0) {

@@ -46,6 +46,7 @@ Mapper::Mapper(const config::Config& config, MapOptions map_options, Layer& laye
       beam_model_(BeamModelOptionsOf(config.method()), map_options.knot_interval_m),
       queue_(ScanQueueOptionsOf(config.timing()), config.scan_size()),
       noticed_(queue_.counts()) {
+  if (layer.tiles().size() > 0) continued_ = layer.tiles();
   if (!pose_channel_.empty()) channels_.push_back(pose_channel_);
   for (const config::Scan& scan : config.scan()) {
     channels_.push_back(scan.channel());
@@ -77,6 +78,10 @@ void Mapper::HandleMessage(const std::string& channel, absl::Span<const uint8_t>
 void Mapper::Flush() {
   queue_.Flush();
   MapReadyScans();
+  // A short drive is better than none.
+  for (ScanChannel& channel : scan_channels_) {
+    if (channel.drive && channel.options) TryOtherFlags(channel);
+  }
 }
 
 void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message, Utime received) {
@@ -115,7 +120,7 @@ void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message, Utime re
   }
   if (scan_channel.drive) {
     scan_channel.drive->AddScan(*std::move(readings), options.time_offset);
-    TryOtherFlags(scan_channel);
+    TryFlagsOnceFull(scan_channel);
   }
   scan_channel.newest_utime = scan->utime;
   queue_.AddScan(*std::move(scan));
@@ -177,7 +182,7 @@ void Mapper::HandlePose(absl::Span<const uint8_t> message) {
   for (ScanChannel& channel : scan_channels_) {
     if (!channel.drive) continue;
     channel.drive->AddPose(*pose);
-    TryOtherFlags(channel);
+    TryFlagsOnceFull(channel);
   }
   MapReadyScans();
 }
@@ -219,9 +224,12 @@ bool Mapper::HasMoved(const ScanChannel& channel, const Pose2& world_T_robot) co
 }
 
 void Mapper::CheckAgainstMap(ScanChannel& channel, const PlacedScan& scan) {
-  // First things first: wrong flags make scans disagree, too.
-  if (channel.drive && ++channel.scans_before_flags < kScansBeforeFlags) return;
-  const HitsInMap hits = FindHits(scan, layer_.tiles(), map_options_.knot_interval_m);
+  // First things first: wrong flags make scans disagree, too. But soon a new drive has overwritten
+  // what another one in another frame has left.
+  if (!continued_ && channel.drive && ++channel.scans_before_flags < kScansBeforeFlags) return;
+  const HitsInMap hits =
+      FindHits(scan, continued_ ? *continued_ : layer_.tiles(), map_options_.knot_interval_m);
+  if (continued_ && ++continued_scans_ >= kScansBeforeFlags) continued_.reset();
   if (hits.looked_up < kMinHits) return;
   const bool at_odds = hits.in_free > kAtOdds * hits.looked_up;
   channel.disagreeing_in_a_row = at_odds ? channel.disagreeing_in_a_row + 1 : 0;
@@ -239,8 +247,11 @@ void Mapper::CheckAgainstMap(ScanChannel& channel, const PlacedScan& scan) {
                    kDisagreeingScans, pose_channel_));
 }
 
+void Mapper::TryFlagsOnceFull(ScanChannel& channel) {
+  if (channel.drive->full()) TryOtherFlags(channel);
+}
+
 void Mapper::TryOtherFlags(ScanChannel& channel) {
-  if (!channel.drive->full()) return;
   const std::unique_ptr<DriveCollector> drive = std::move(channel.drive);
   const auto proposal = SearchFlags(drive->sample(), *channel.options);
   if (!proposal || proposal->spread > kClearlySharper * proposal->spread_given) return;

@@ -93,6 +93,7 @@ class Mapper {
   void NoticeMissingPoses(int index);
   std::string WhyWithoutPoses(int index) const;
   void CheckAgainstMap(ScanChannel& channel, const PlacedScan& scan);
+  void TryFlagsOnceFull(ScanChannel& channel);
   void TryOtherFlags(ScanChannel& channel);
   void CheckReadings(ScanChannel& channel, const RangeReadings& readings);
 
@@ -102,6 +103,9 @@ class Mapper {
   double max_coordinate_m_;
   MapOptions map_options_;
   Layer& layer_;
+  // A map that was there before, while the first scans are compared with it.
+  std::optional<TileTree> continued_;
+  int continued_scans_ = 0;
   size_t max_tiles_;
   BeamModel beam_model_;
   ScanQueue queue_;

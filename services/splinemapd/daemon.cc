@@ -87,8 +87,13 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& aske
   config::Config config = asked;
   config.mutable_method()->set_knot_interval_m(stored.options.knot_interval_m);
   SPLINEMAP_RETURN_IF_ERROR(CheckConfig(config));
-  spdlog::info("map {}: layer {}, session {}, {} tiles", MapPath(config), stored.own.id().name,
-               stored.own.session().number, stored.own.tiles().size());
+  const size_t tiles = stored.own.tiles().size();
+  spdlog::info("map {}: layer {}, session {}, {}", MapPath(config), stored.own.id().name,
+               stored.own.session().number,
+               tiles == 0 ? "empty"
+                          : fmt::format("goes on with {} tiles; poses have to be in the frame in "
+                                        "which they were mapped",
+                                        tiles));
   if (!stored.others.layers.empty()) {
     spdlog::info("map {}: {} layers of others", MapPath(config), stored.others.layers.size());
   }

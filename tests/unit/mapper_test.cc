@@ -382,4 +382,24 @@ TEST_F(MapperTest, PosesThatJumpAreSaidWithBoth) {
       << notices[0].text;
 }
 
+// A new drive would soon have overwritten what it contradicts.
+TEST_F(MapperTest, AMapThatIsContinuedInAnotherFrameIsSaid) {
+  Configure("LASER:bot_core");
+  const auto drive = [&](int64_t begin_ms, float range_m) {
+    for (int n = 0; n < 40; ++n) {
+      const int64_t ms = begin_ms + 100 * n;
+      Pose(ms, 0.01 * n);
+      mapper_->HandleMessage("LASER",
+                             Encode(PlanarLidarMessage(std::chrono::milliseconds(ms),
+                                                       std::vector<float>(90, range_m), 0, 0.07)));
+    }
+  };
+  drive(0, 4);
+  for (const float range_m : {4.F, 2.F}) {
+    mapper_.emplace(config_, map_.options(), layer_);
+    drive(100'000, range_m);
+    EXPECT_EQ(Problems(Problem::kMapDisagrees) > 0, range_m != 4) << range_m;
+  }
+}
+
 }  // namespace splinemap::mapper_test
