@@ -50,8 +50,12 @@ double ReadingStatistics::Share(int64_t readings) const {
 
 int64_t ReadingStatistics::CountBetween(double from_m, double to_m) const {
   int64_t count = 0;
-  const auto begin = static_cast<size_t>(std::max(0.0, std::round(from_m / kBin_m)));
-  const auto end = std::min(bins_.size(), static_cast<size_t>(std::round(to_m / kBin_m)));
+  const auto bin = [&](double range_m) {
+    const double most = static_cast<double>(bins_.size());
+    return static_cast<size_t>(std::clamp(std::round(range_m / kBin_m), 0.0, most));
+  };
+  const size_t begin = bin(from_m);
+  const size_t end = bin(to_m);
   for (size_t k = begin; k < end; ++k) count += bins_[k];
   return count;
 }
