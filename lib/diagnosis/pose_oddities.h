@@ -9,6 +9,7 @@ namespace splinemap {
 
 // Poses whose numbers have longer steps make walls thicker.
 inline constexpr double kCoarsePose_m = 0.01;
+
 // Clauses on two poses that no robot can have moved between, the last of `jumps`, and on one whose
 // numbers are too coarse.
 std::string PoseJumps(const TimedPose& from, const TimedPose& to, int64_t jumps);
