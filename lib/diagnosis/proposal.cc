@@ -107,8 +107,9 @@ class Trials {
       // Of one pose channel two trials stand side by side. One clock needs no explanation.
       const auto same = other - 1;
       const bool is_better =
-          !same->flags ||
-          (other->flags && other->flags->spread < kClearlySharper * same->flags->spread);
+          other->flags
+              ? !same->flags || other->flags->spread < kClearlySharper * same->flags->spread
+              : same->scans == 0 && other->scans > 0;
       other = trials_.erase(is_better ? same : other);
       if (is_better) ++other;
     }
