@@ -70,9 +70,8 @@ const LayerSnapshot* Counterpart(const LayerId& id, const std::vector<LayerSnaps
 }
 
 // The settings of a layer, as far as they matter for the sum.
-std::string SumSettingsText(LayerSettings settings) {
-  settings.removed_up_to = 0;
-  const std::string text = TextOf(settings, std::nullopt);
+std::string SumSettingsText(const LayerSettings& settings) {
+  const std::string text = TextOf(settings, /*is_there=*/true);
   return text.empty() ? "no settings" : text;
 }
 
@@ -128,8 +127,7 @@ void NoteRemovals(const LayerSet& map, const LayerSet& other, const std::string&
   for (const auto& [id, settings] : map.settings.records()) {
     if (settings.removed_up_to <= other.settings.Of(id).removed_up_to) continue;
     differences.Note(
-        fmt::format("layer {}: removed up to session {}, only in {}", NameOf(id),
-                    settings.removed_up_to, path),
+        fmt::format("layer {}: removed, only in {}", NameOf(id), path),
         {{"layer", id.name}, {"removed_up_to", settings.removed_up_to}, {"only_in", path}});
   }
 }

@@ -15,18 +15,14 @@
 namespace splinemap {
 namespace {
 
-// As long as a follower asks for digests; one of each layer arrives, also on a lossy bus.
-constexpr std::chrono::duration<double> kAllDigests(2.0);
-
-bool HasCaughtUp(const FollowedLayer& layer) { return layer.caught_up && layer.matches_digest; }
-
 bool HasLayerOf(const std::vector<FollowedLayer>& layers, const std::string& robot) {
   return std::any_of(layers.begin(), layers.end(),
                      [&](const FollowedLayer& layer) { return MatchesName(robot, layer.id.name); });
 }
 
-bool AllCaughtUp(const std::vector<FollowedLayer>& layers, const std::vector<std::string>& robots) {
-  return !layers.empty() && std::all_of(layers.begin(), layers.end(), HasCaughtUp) &&
+bool HasCaughtUp(const MapReplica& replica, const std::vector<std::string>& robots) {
+  const std::vector<FollowedLayer> layers = replica.FollowedLayers();
+  return replica.IsCaughtUp() &&
          std::all_of(robots.begin(), robots.end(),
                      [&](const std::string& robot) { return HasLayerOf(layers, robot); });
 }
@@ -38,7 +34,7 @@ std::string WhatIsMissing(const MapReplica& replica, const std::vector<std::stri
   }
   const std::vector<FollowedLayer> layers = replica.FollowedLayers();
   for (const FollowedLayer& layer : layers) {
-    if (HasCaughtUp(layer)) continue;
+    if (layer.caught_up && layer.matches_digest) continue;
     missing += fmt::format("; {} has {} tiles so far", PlainText(layer.id.name), layer.tiles);
   }
   for (const std::string& robot : robots) {
@@ -64,14 +60,13 @@ absl::StatusOr<std::unique_ptr<MapReplica>> FollowUntilCaughtUp(const BusFlags& 
   const std::chrono::duration<double> timeout = bus.Timeout();
   while (Clock::now() - begin < timeout) {
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    if (Clock::now() - begin < std::min(kAllDigests, timeout / 2)) continue;
-    if (AllCaughtUp(replica->FollowedLayers(), options.names)) return replica;
+    if (HasCaughtUp(*replica, options.names)) return replica;
   }
   if (const std::string problem = replica->BusProblem(); !problem.empty()) {
     return Unavailable("{}", problem);
   }
   const std::string missing = WhatIsMissing(*replica, options.names);
-  if (missing.empty()) {
+  if (missing.empty() && replica->FollowedLayers().empty()) {
     return Unavailable("no map was received on {}_DIGESTS in {:g} s; is splinemapd on this bus?",
                        bus.channel_prefix, bus.timeout_s);
   }

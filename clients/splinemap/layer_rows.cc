@@ -9,46 +9,24 @@
 #include "fmt/ranges.h"
 #include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lib/base/plain_text.h"
+#include "lib/layers/layer_extent.h"
+#include "lib/map/contradictions.h"
+#include "lib/map/summed_layers.h"
 #include "lib/replication/settings_gossip.h"
 #include "lib/tiles/tile_codec.h"
 
 namespace splinemap {
 namespace {
 
-// Control points, the last ones included.
-struct KnotBox {
-  int64_t i0 = INT64_MAX;
-  int64_t j0 = INT64_MAX;
-  int64_t i1 = INT64_MIN;
-  int64_t j1 = INT64_MIN;
-
-  void Add(int64_t i, int64_t j) {
-    i0 = std::min(i0, i);
-    j0 = std::min(j0, j);
-    i1 = std::max(i1, i);
-    j1 = std::max(j1, j);
-  }
-};
-
-// Of the squares about these control points.
-Region RegionOf(const KnotBox& box, KnotShift shift, double knot_interval_m) {
-  const auto metres = [&](int64_t knot, int32_t by, double half) {
-    return (static_cast<double>(knot + by) + half) * knot_interval_m;
-  };
-  return {metres(box.i0, shift.i, -0.5), metres(box.j0, shift.j, -0.5),
-          metres(box.i1, shift.i, 0.5), metres(box.j1, shift.j, 0.5)};
-}
-
 constexpr std::array kHeader{"layer", "state",   "heard_s", "session", "commits",
-                             "tiles", "area_m2", "box_m",   "hash",    "settings"};
+                             "tiles", "area_m2", "contradicted", "box_m", "hash", "settings"};
 using TableRow = std::array<std::string, kHeader.size()>;
 
 TableRow CellsOf(const LayerRow& layer) {
   TableRow row;
   row.fill("-");
   row.front() = NameOf(layer.id);
-  row.back() =
-      TextOf(layer.settings, layer.content ? std::optional(layer.content->session) : std::nullopt);
+  row.back() = TextOf(layer.settings, layer.content.has_value());
   if (!layer.state.empty()) row[1] = PlainText(layer.state);
   if (layer.heard_s_ago >= 0) row[2] = fmt::format("{:.1f}", layer.heard_s_ago);
   if (!layer.content) return row;
@@ -57,10 +35,11 @@ TableRow CellsOf(const LayerRow& layer) {
   row[4] = fmt::to_string(content.revision);
   row[5] = fmt::to_string(content.tiles);
   row[6] = fmt::format("{:.1f}", content.area_m2);
+  if (content.contradicted) row[7] = fmt::format("{:.0f} %", 100 * *content.contradicted);
   if (const auto& box = content.box) {
-    row[7] = fmt::format("{:.3f},{:.3f},{:.3f},{:.3f}", box->x0_m, box->y0_m, box->x1_m, box->y1_m);
+    row[8] = fmt::format("{:.3f},{:.3f},{:.3f},{:.3f}", box->x0_m, box->y0_m, box->x1_m, box->y1_m);
   }
-  row[8] = fmt::format("{:016x}", content.hash);
+  row[9] = fmt::format("{:016x}", content.hash);
   return row;
 }
 
@@ -79,34 +58,38 @@ LayerRow RowOf(const layer_status_t& layer) {
       static_cast<size_t>(layer.num_tiles),
       layer.area_m2,
       std::nullopt,
-      static_cast<uint64_t>(layer.hash)};
-  if (layer.num_tiles > 0) {
+      static_cast<uint64_t>(layer.hash),
+      std::nullopt};
+  if (layer.area_m2 > 0) {
     row.content->box = Region{layer.x0_m, layer.y0_m, layer.x1_m, layer.y1_m};
   }
+  if (layer.contradicted >= 0) row.content->contradicted = layer.contradicted;
   return row;
 }
 
 LayerRow RowOf(const LayerSnapshot& layer, const LayerSettings& settings, double knot_interval_m) {
-  LayerRow::Content content{layer.session, layer.revision, layer.tiles.size(), 0, std::nullopt, 0};
-  int64_t known = 0;
-  KnotBox box;
+  LayerExtent extent;
+  extent.SetAll(layer.tiles);
+  LayerRow::Content content{layer.session,
+                            layer.revision,
+                            layer.tiles.size(),
+                            extent.area_m2(knot_interval_m),
+                            extent.Box(settings.shift, knot_interval_m),
+                            0,
+                            std::nullopt};
   layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
     content.hash += TileChecksum(key, *entry.tile);
-    for (int k = 0; k < Tile::kSize; ++k) {
-      if (entry.tile->control_points[k] == 0) continue;
-      ++known;
-      box.Add(Tile::kSide * key.tx + k % Tile::kSide, Tile::kSide * key.ty + k / Tile::kSide);
-    }
   });
-  content.area_m2 = static_cast<double>(known) * knot_interval_m * knot_interval_m;
-  if (known > 0) content.box = RegionOf(box, settings.shift, knot_interval_m);
   return {layer.id, content, settings, "", -1};
 }
 
 std::vector<LayerRow> RowsOf(const LayerSet& map) {
   std::vector<LayerRow> rows;
+  const auto contradictions = ContradictionsOf(map, *ViewOf(map));
   for (const LayerSnapshot& layer : map.layers) {
     rows.push_back(RowOf(layer, map.settings.Of(layer.id), map.options.knot_interval_m));
+    const auto found = contradictions.find(layer.id);
+    if (found != contradictions.end()) rows.back().content->contradicted = found->second.share();
   }
   const size_t num_layers = rows.size();
   for (const auto& [id, settings] : map.settings.records()) {
@@ -117,16 +100,14 @@ std::vector<LayerRow> RowsOf(const LayerSet& map) {
   return rows;
 }
 
-std::string TextOf(const LayerSettings& settings, const std::optional<SessionId>& session) {
+std::string TextOf(const LayerSettings& settings, bool is_there) {
+  // A removal of earlier sessions does not matter to a layer that is there.
+  if (settings.removed_up_to > 0 && !is_there) return "removed";
   std::vector<std::string> texts;
   if (settings.muted) texts.push_back("muted");
   if (settings.low_weight) texts.push_back("low weight");
   if (settings.shift != KnotShift{}) {
     texts.push_back(fmt::format("shifted by {}, {} knots", settings.shift.i, settings.shift.j));
-  }
-  // A removal of earlier sessions does not matter to a layer that is there.
-  if (settings.removed_up_to > 0 && (!session || settings.IsRemoved(*session))) {
-    texts.push_back(fmt::format("removed up to session {}", settings.removed_up_to));
   }
   return fmt::format("{}", fmt::join(texts, ", "));
 }
@@ -146,7 +127,7 @@ std::string TableOf(const std::vector<LayerRow>& layers) {
     std::string text;
     for (size_t k = 0; k < row.size(); ++k) {
       if (!is_live && (k == 1 || k == 2)) continue;  // state, heard_s
-      const bool is_number = k > 1 && k < 7;
+      const bool is_number = k > 1 && k < 8;
       text += is_number ? fmt::format("{:>{}}  ", row[k], widths[k])
                         : fmt::format("{:<{}}  ", row[k], widths[k]);
     }
@@ -178,6 +159,8 @@ nlohmann::json ToJson(const LayerRow& row) {
   json["commits"] = content.revision;
   json["tiles"] = content.tiles;
   json["area_m2"] = content.area_m2;
+  json["contradicted"] = nullptr;
+  if (content.contradicted) json["contradicted"] = *content.contradicted;
   if (const auto& box = content.box) json["box_m"] = {box->x0_m, box->y0_m, box->x1_m, box->y1_m};
   json["hash"] = fmt::format("{:016x}", content.hash);
   return json;

@@ -26,6 +26,8 @@ struct LayerRow {
     double area_m2 = 0;         // known control points, each a square of the knot interval
     std::optional<Region> box;  // of these squares, in the map's frame; none where there are none
     uint64_t hash = 0;          // as in digests: the sum of the checksums of tiles
+    // Share of its obstacles where the other layers saw free space (lib/map/contradictions.h).
+    std::optional<double> contradicted;
   };
   LayerId id;
   std::optional<Content> content;  // none where only settings of the layer are there
@@ -38,14 +40,15 @@ struct LayerRow {
 
 LayerRow RowOf(const LayerSnapshot& layer, const LayerSettings& settings, double knot_interval_m);
 
-// As a daemon publishes it. Its areas and boxes are of tiles.
+// As a daemon publishes it.
 LayerRow RowOf(const layer_status_t& layer);
 
 // Of the layers of a map, and then of those that only have settings.
 std::vector<LayerRow> RowsOf(const LayerSet& map);
 
-// "muted, shifted by 3, -2 knots"; empty for the default settings.
-std::string TextOf(const LayerSettings& settings, const std::optional<SessionId>& session);
+// "muted, shifted by 3, -2 knots", "removed"; empty for the default settings. `is_there`: the layer
+// is in the map, not its settings alone.
+std::string TextOf(const LayerSettings& settings, bool is_there);
 
 // A table with a header.
 std::string TableOf(const std::vector<LayerRow>& rows);

@@ -77,13 +77,15 @@ Examples:
   splinemap layers fleet.splinemap --json | jq '.[] | select(.in_sum)'
   splinemap layers --live                          the layers of each daemon on the bus
 
-Prints a row for each layer: name@origin, session, commits, tiles, known area, its bounding box in
-the map frame as --region takes it, and a hash, equal for equal layers. The last column has the
-settings. Of a removed layer only the settings are left.
+Prints a row for each layer: name@origin, session, commits, tiles, known area, the share of its
+obstacles where the other layers saw free space (- where less than 100 can be compared), the box
+around the known area in the map frame as --region takes it, and a hash, equal for equal layers. The
+last column has the settings. Beyond 20 % the frame of a layer may be another; splinemap render
+--contradictions shows where.
 
 With --live it prints a table for each daemon. "state" is own, live, stale (something is missing),
 gone (its robot is silent; the layer is kept) or removed; "heard_s" is the time since the last
-message of its robot. Areas and boxes are those of whole tiles.)";
+message of its robot.)";
 
 }  // namespace
 

@@ -117,10 +117,14 @@ absl::StatusOr<MapViewSource> OpenMapView(const MapSourceFlags& flags) {
     FollowOptions options;
     if (!flags.robot.empty()) options.names = {flags.robot};
     SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, FollowUntilCaughtUp(flags.bus, options));
-    return MapViewSource{replica->View(), ReportRefused(*replica)};
+    LayerSet layers = replica->Layers();
+    auto map = ViewOf(layers);
+    return MapViewSource{std::move(layers), std::move(map), ReportRefused(*replica)};
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.arguments.at(0)));
-  return MapViewSource{ViewOf(loaded.set), ReportCorruption(loaded)};
+  SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadMapFile(flags.arguments.at(0)));
+  const int exit_status = ReportCorruption(loaded);
+  auto map = ViewOf(loaded.set);
+  return MapViewSource{std::move(loaded.set), std::move(map), exit_status};
 }
 
 void AddOccupiedFlag(CLI::App& command, double& occupied_log_odds) {

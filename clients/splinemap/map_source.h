@@ -8,6 +8,7 @@
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "clients/splinemap/bus_flags.h"
+#include "splinemap/layer_set.h"
 #include "splinemap/queries.h"
 
 namespace CLI {
@@ -54,7 +55,8 @@ struct MapSource {
 // Errors: those of ReadMapFile() and of MapClient::Connect().
 absl::StatusOr<MapSource> OpenMapSource(const MapSourceFlags& flags);
 struct MapViewSource {
-  std::shared_ptr<const MapView> map;
+  LayerSet layers;
+  std::shared_ptr<const MapView> map;  // their sum
   int exit_status = 0;
 };
 // Errors: those of ReadMapFile() and of FollowUntilCaughtUp().

@@ -13,6 +13,7 @@
 #include "clients/splinemap/progress.h"
 #include "lib/base/status.h"
 #include "lib/layers/layer_union.h"
+#include "lib/map/contradictions.h"
 #include "lib/map/summed_layers.h"
 #include "splinemap/file.h"
 
@@ -74,7 +75,7 @@ class Merger {
     for (const std::string& note : notes_) PrintLine(stderr, "{}", note);
     for (const LayerId& id : union_->Removed()) {
       PrintLine(stderr, "{} is left out: {}", NameOf(id),
-                TextOf(merged.settings.Of(id), std::nullopt));
+                TextOf(merged.settings.Of(id), /*is_there=*/false));
     }
     std::map<std::string, std::vector<std::string>> names;
     for (const LayerSnapshot& layer : merged.layers) {
@@ -88,6 +89,18 @@ class Merger {
           fmt::join(layers, " and "));
     }
     return !has_conflicts_;
+  }
+
+  // Warns of layers whose obstacles are where the others saw free space.
+  void ReportContradictions(const LayerSet& merged, const MapView& sum) const {
+    for (const auto& [id, contradiction] : ContradictionsOf(merged, sum)) {
+      if (!contradiction.IsTooMuch()) continue;
+      PrintLine(stderr,
+                "warning: {} of {} are where the others saw free space; its frame may be another, "
+                "and the sum loses walls. splinemap render --contradictions shows where, splinemap "
+                "layer shifts or mutes it",
+                ObstaclesText(contradiction), NameOf(id));
+    }
   }
 
  private:
@@ -140,8 +153,10 @@ absl::StatusOr<int> Merge(const MergeFlags& flags) {
   const LayerSet merged = merger.Layers();
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(merged, flags.output.path));
   const bool is_consistent = merger.Report(merged);
+  const auto sum = ViewOf(merged);
+  merger.ReportContradictions(merged, *sum);
   PrintLine(stderr, "merged {} files: {} layers, {} tiles in {}", flags.maps.size(),
-            merged.layers.size(), ViewOf(merged)->tiles.size(), flags.output.path);
+            merged.layers.size(), sum->tiles.size(), flags.output.path);
   return is_whole && is_consistent ? kSuccess : kFailed;
 }
 
@@ -152,7 +167,8 @@ Examples:
 
 Writes the layers of all files, each in its newest state; the map is their sum. The layers stay
 apart in the file, so that merged files can be merged again: the order of files, their grouping and
-repeated files make no difference. The maps must share a frame, a knot interval and clamps. Exit
+repeated files make no difference. The maps must share a frame, a knot interval and clamps; merge
+warns where 20 % of the obstacles of a layer are where the others saw free space. Exit
 status: 0 merged; 1 failed, or merged with conflicting copies of a layer; 2 usage.)";
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include "clients/splinemap/print.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
+#include "lib/map/contradictions.h"
 #include "lib/render/raster.h"
 
 namespace splinemap {
@@ -19,16 +20,35 @@ struct RenderFlags {
   MapSourceFlags source;
   Output output;
   double pixels_per_knot = 0;  // 0: to fit
+  bool marks_contradictions = false;
 };
 
-absl::Status WritePicture(const RenderFlags& flags, const MapView& map) {
+// Marks where one layer has obstacles and the others saw free space.
+void MarkContradictions(const MapViewSource& source, Raster& raster) {
+  const double knot_m = source.layers.options.knot_interval_m;
+  int64_t points = 0;
+  VisitComparedPoints(source.layers, *source.map,
+                      [&](const LayerId&, int32_t i, int32_t j, bool is_contradicted) {
+                        if (!is_contradicted) return;
+                        ++points;
+                        raster.Mark({(i - 0.5) * knot_m, (j - 0.5) * knot_m, (i + 0.5) * knot_m,
+                                     (j + 0.5) * knot_m});
+                      });
+  PrintLine(stderr, "{} control points are obstacles of one layer where the others saw free space",
+            points);
+}
+
+absl::Status WritePicture(const RenderFlags& flags, const MapViewSource& source) {
+  const MapView& map = *source.map;
   constexpr int kSide = 1200;
   const double pixels_per_knot = flags.pixels_per_knot > 0
                                      ? flags.pixels_per_knot
                                      : std::max(1.0, FittingPixelsPerKnot(map, kSide));
   SPLINEMAP_ASSIGN_OR_RETURN(const PixelGrid grid, FittingGrid(map, pixels_per_knot));
   SPLINEMAP_ASSIGN_OR_RETURN(NewFile file, NewFile::Create(flags.output.path));
-  SPLINEMAP_RETURN_IF_ERROR(WritePng(RenderMap(map, grid), file));
+  Raster raster = RenderMap(map, grid);
+  if (flags.marks_contradictions) MarkContradictions(source, raster);
+  SPLINEMAP_RETURN_IF_ERROR(WritePng(raster, file));
   SPLINEMAP_RETURN_IF_ERROR(file.Commit());
   PrintLine(stderr, "{}: {} x {} pixels of {:.4g} m, left {:.4g} m, top {:.4g} m",
             flags.output.path, grid.width, grid.height, grid.pixel_m, grid.left_m, grid.top_m);
@@ -38,6 +58,9 @@ absl::Status WritePicture(const RenderFlags& flags, const MapView& map) {
 absl::StatusOr<int> Render(RenderFlags flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto arguments, ArgumentsAfterMap(flags.source));
   const bool is_preview = arguments.empty();
+  if (is_preview && flags.marks_contradictions) {
+    return InvalidArgument("--contradictions requires OUT, the .png to write");
+  }
   if (!is_preview) {
     SPLINEMAP_ASSIGN_OR_RETURN(flags.output.path, OutputAfterMap(flags.source));
     if (!flags.output.path.ends_with(".png")) {
@@ -51,7 +74,7 @@ absl::StatusOr<int> Render(RenderFlags flags) {
     SPLINEMAP_ASSIGN_OR_RETURN(const std::string preview, Preview(*source.map, kOtherRows));
     std::fputs(preview.c_str(), stdout);
   } else {
-    SPLINEMAP_RETURN_IF_ERROR(WritePicture(flags, *source.map));
+    SPLINEMAP_RETURN_IF_ERROR(WritePicture(flags, source));
   }
   return source.exit_status;
 }
@@ -61,6 +84,7 @@ Examples:
   splinemap render lab.splinemap lab.png --px-per-knot 4
   splinemap render lab.splinemap
   splinemap render --live now.png
+  splinemap render fleet.splinemap fleet.png --contradictions
 
 Evaluates the surface at every pixel: black is occupied, white free, blue-grey unknown. Without OUT
 it draws a small picture in the terminal.)";
@@ -76,6 +100,8 @@ void AddRender(CLI::App& app, Command& chosen) {
       ->add_option("--px-per-knot", flags->pixels_per_knot,
                    "Pixels per knot interval (default: to fit 1,200 pixels, at least 1)")
       ->check(CLI::Range(0.01, 64.0));
+  command->add_flag("--contradictions", flags->marks_contradictions,
+                    "Mark in red where a layer has obstacles and the others saw free space");
   AddForceFlag(*command, flags->output.force);
   command->callback([flags, &chosen] { chosen = [flags] { return Render(*flags); }; });
 }

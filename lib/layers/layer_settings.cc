@@ -36,6 +36,9 @@ bool LayerSettings::IsValid() const {
 }
 
 void LayerSettings::Remove(const SessionId& session) {
+  muted = false;
+  low_weight = false;
+  shift = {};
   removed_up_to = std::max(removed_up_to, session.number | (kSessionsPerGeneration - 1));
 }
 

@@ -38,6 +38,8 @@ const char* ProblemName(Problem problem) {
       return "refused_setting";
     case Problem::kDisownedTiles:
       return "disowned_tiles";
+    case Problem::kContradiction:
+      return "layers_contradict";
     case Problem::kBusAway:
       return "bus_away";
     case Problem::kRefusedRequests:

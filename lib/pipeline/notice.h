@@ -26,6 +26,7 @@ enum class Problem {
   kRefusedLayer,       // a layer that cannot be summed
   kRefusedSetting,     // a setting of a layer that nobody can have made
   kDisownedTiles,      // tiles in the name of a robot that does not have them
+  kContradiction,      // obstacles of a layer where the others saw free space
   kBusAway,            // the LCM bus cannot be opened, or broke off
   kRefusedRequests,    // clients ask more than can be answered
   kMalformedMessages,  // on splinemap's own channels

@@ -8,6 +8,7 @@
 #include "lib/base/file.h"
 #include "lib/render/pixel_grid.h"
 #include "splinemap/map_view.h"
+#include "splinemap/region.h"
 
 namespace splinemap {
 
@@ -19,6 +20,11 @@ struct Raster {
   PixelGrid grid;
   std::vector<uint8_t> pixels;  // grid.width * grid.height
 
+  std::vector<bool> marked{};   // the same size, or empty: none is
+
+  // Marks the pixels whose centres lie in `region`, at least the one that has its centre.
+  void Mark(const Region& region);
+
   uint8_t at(int column, int row) const { return pixels[size_t{1} * row * grid.width + column]; }
 };
 
@@ -28,7 +34,7 @@ uint8_t KnownPixel(double log_odds);
 // Evaluates the spline at the centre of each pixel.
 Raster RenderMap(const MapView& map, const PixelGrid& grid);
 
-// Unknown blue-grey, free white, occupied black.
+// Unknown blue-grey, free white, occupied black, marked red.
 absl::Status WritePng(const Raster& raster, NewFile& file);
 
 }  // namespace splinemap

@@ -131,6 +131,10 @@ std::vector<FollowedLayer> MapReplica::FollowedLayers() const {
       [](MapFollower& follower) { return follower.FollowedLayers(Clock::now()); });
 }
 
+bool MapReplica::IsCaughtUp() const {
+  return impl_->OfFollower([](MapFollower& follower) { return follower.IsCaughtUp(Clock::now()); });
+}
+
 std::vector<std::string> MapReplica::Refused() const {
   return impl_->OfFollower([](MapFollower& follower) { return follower.refused(); });
 }

@@ -44,9 +44,7 @@ void LayerExchange::HandleBytes(absl::Span<const uint8_t> bytes, Clock::time_poi
     ++malformed_;
     return;
   }
-  if (SpeakerOf(*message) == speaker_) return;
-  HandleAsOwner(*message, now);
-  follower_.Handle(*message, now);
+  if (follower_.Handle(*message, now)) HandleAsOwner(*message, now);
 }
 
 void LayerExchange::HandleAsOwner(const ReplicationMessage& message, Clock::time_point now) {

@@ -12,6 +12,7 @@
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_ref_t.hpp"
+#include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 
@@ -80,9 +81,10 @@ void MapFollower::HandleBytes(absl::Span<const uint8_t> message, Clock::time_poi
   }
 }
 
-void MapFollower::Handle(const ReplicationMessage& message, Clock::time_point now) {
-  if (SpeakerOf(message) == speaker_) return;
+bool MapFollower::Handle(const ReplicationMessage& message, Clock::time_point now) {
+  if (SpeakerOf(message) == speaker_) return false;
   std::visit([&](const auto& m) { Handle(m, now); }, message);
+  return true;
 }
 
 void MapFollower::Handle(const layer_digest_t& digest, Clock::time_point now) {
@@ -124,6 +126,20 @@ void MapFollower::Handle(const settings_t& message, Clock::time_point now) {
   const SettingsTable before = settings();
   const auto session_number_of = [&](const LayerId& id) { return SessionNumberOf(id); };
   if (gossip_.HandleSettings(message, session_number_of, now)) ApplySettings(before);
+}
+
+void MapFollower::Handle(const layers_t& layers, Clock::time_point now) {
+  std::erase_if(announced_, [&](const auto& announced) {
+    return Seconds(now - announced.second.when) > kMaxSilence_s;
+  });
+  for (const layer_status_t& layer : layers.layers) {
+    const LayerId id{layer.settings.name, static_cast<uint64_t>(layer.settings.origin)};
+    if (layer.num_tiles == 0 || !IsFollowed(id)) continue;
+    if (!announced_.contains(id) && announced_.size() >= kMaxLayers) continue;
+    announced_[id] = {{static_cast<uint64_t>(layer.session_number),
+                       static_cast<uint64_t>(layer.session_nonce)},
+                      now};
+  }
 }
 
 // The rest of the tile budget is shared.
@@ -173,18 +189,22 @@ std::optional<uint64_t> MapFollower::SessionNumberOf(const LayerId& id) const {
   return layer->second.copy.session().number;
 }
 
+// Of another's layers, those that the options name.
+bool MapFollower::IsFollowed(const LayerId& id) const {
+  if (keeper_ && id == keeper_->own_layer) return false;
+  const std::vector<std::string>& names = options_.names;
+  return names.empty() || std::any_of(names.begin(), names.end(), [&](const std::string& pattern) {
+           return MatchesName(pattern, id.name);
+         });
+}
+
 bool MapFollower::IsWanted(const LayerRef& ref, int32_t protocol_version) {
   const std::optional<uint64_t> known = SessionNumberOf(ref.id);
   if (known && *known > 0 && ref.session.number > *known + LayerSettings::kMaxSessionsAhead) {
     ++malformed_;
     return false;
   }
-  const auto matches = [&](const std::string& pattern) {
-    return MatchesName(pattern, ref.id.name);
-  };
-  const std::vector<std::string>& names = options_.names;
-  if (!names.empty() && std::none_of(names.begin(), names.end(), matches)) return false;
-  if (keeper_ && ref.id == keeper_->own_layer) return false;
+  if (!IsFollowed(ref.id)) return false;
   if (gossip_.SetHere(ref.id, std::max(ref.session.number, known.value_or(0)))) ++version_;
   if (settings().Of(ref.id).IsRemoved(ref.session)) return false;
   if (protocol_version != kProtocolVersion) {
@@ -414,7 +434,25 @@ std::vector<FollowedLayer> MapFollower::FollowedLayers(Clock::time_point now) co
                       copy.OwnerWasHeard() ? Seconds(now - copy.last_heard()) : -1,
                       copy.OwnerIsSilent(now), copy.counts()});
   }
+  for (const auto& [id, announced] : announced_) {
+    // Who was refused was heard.
+    if (layers_.contains(id) || told_.contains(id) || refused_.contains(id)) continue;
+    if (settings().Of(id).IsRemoved(announced.session)) continue;
+    if (Seconds(now - announced.when) > kMaxSilence_s) continue;
+    FollowedLayer& layer = layers.emplace_back();
+    layer.id = id;
+    layer.session = announced.session;
+    layer.staleness_ms = std::numeric_limits<double>::infinity();
+  }
   return layers;
+}
+
+bool MapFollower::IsCaughtUp(Clock::time_point now) const {
+  const std::vector<FollowedLayer> layers = FollowedLayers(now);
+  return calls_ == kCalls && !layers.empty() &&
+         std::all_of(layers.begin(), layers.end(), [](const FollowedLayer& layer) {
+           return layer.caught_up && layer.matches_digest;
+         });
 }
 
 size_t MapFollower::NumTiles() const {

@@ -13,6 +13,7 @@
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_ref_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/layers_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lib/map/summed_layers.h"
 #include "lib/replication/layer_follower.h"
@@ -52,8 +53,8 @@ class MapFollower {
   MapFollower(FollowOptions options, KeeperOptions keeper, const LayerSet& kept, uint64_t speaker,
               Clock::time_point now);
 
-  // A message of ReplicationChannels(); those of its own speaker are ignored.
-  void Handle(const ReplicationMessage& message, Clock::time_point now);
+  // A message of ReplicationChannels(). False for those of its own speaker, which are ignored.
+  bool Handle(const ReplicationMessage& message, Clock::time_point now);
   // The same for any bytes.
   void HandleBytes(absl::Span<const uint8_t> message, Clock::time_point now);
 
@@ -74,7 +75,10 @@ class MapFollower {
   // Counts on when one of these or the settings change.
   uint64_t version() const;
 
+  // Those that are here, and those that a daemon has and nobody has digested yet.
   std::vector<FollowedLayer> FollowedLayers(Clock::time_point now) const;
+  // Whether all that anybody has is here: false while this asks who is there, at the beginning.
+  bool IsCaughtUp(Clock::time_point now) const;
 
   const SettingsTable& settings() const { return gossip_.settings(); }
   // Those that are worth keeping on a disk.
@@ -103,6 +107,7 @@ class MapFollower {
     std::unique_ptr<ProxyPublisher> proxy;  // of all of a layer as it was mapped
   };
 
+  bool IsFollowed(const LayerId& id) const;
   bool IsWanted(const LayerRef& ref, int32_t protocol_version);
   LayerFollower* FindOrAdd(const layer_digest_t& digest, Clock::time_point now);
   void ChooseOptions(const LayerId& id, const MapOptions& options, Clock::time_point now);
@@ -113,6 +118,7 @@ class MapFollower {
   void Handle(const layer_listing_t& listing, Clock::time_point now);
   void Handle(const layer_pull_t& pull, Clock::time_point now);
   void Handle(const settings_t& settings, Clock::time_point now);
+  void Handle(const layers_t& layers, Clock::time_point now);
   LayerFollower* CopyOf(const layer_ref_t& layer);
   Followed* Find(const layer_ref_t& layer);
   LayerFollower::Subset SubsetFor(const LayerId& id) const;
@@ -136,6 +142,12 @@ class MapFollower {
     Clock::time_point when;
   };
   std::map<LayerId, Told> told_;        // the options of layers, by digests of late
+  // What daemons have said of late that they have.
+  struct Announced {
+    SessionId session;
+    Clock::time_point when;
+  };
+  std::map<LayerId, Announced> announced_;
   std::map<LayerId, Followed> layers_;  // in an order that is the same for every follower
   SettingsGossip gossip_;
   std::map<LayerId, std::string> refused_;  // why

@@ -3,6 +3,7 @@
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
@@ -16,6 +17,13 @@ const char* EndOfChannel(const layer_updates_t&) { return "_UPDATES"; }
 const char* EndOfChannel(const layer_listing_t&) { return "_LISTINGS"; }
 const char* EndOfChannel(const layer_pull_t&) { return "_PULLS"; }
 const char* EndOfChannel(const settings_t&) { return "_SETTINGS"; }
+const char* EndOfChannel(const layers_t&) { return "_LAYERS"; }
+
+template <typename Message>
+int64_t SpeakerOf(const Message& message) {
+  return message.speaker;
+}
+int64_t SpeakerOf(const layers_t& message) { return message.daemon_nonce; }
 
 template <typename Message>
 absl::StatusOr<ReplicationMessage> Widen(absl::StatusOr<Message> message) {
@@ -34,7 +42,7 @@ std::vector<std::string> ReplicationChannels(const std::string& channel_prefix) 
   for (const ReplicationMessage& message :
        {ReplicationMessage(layer_digest_t()), ReplicationMessage(layer_updates_t()),
         ReplicationMessage(layer_listing_t()), ReplicationMessage(layer_pull_t()),
-        ReplicationMessage(settings_t())}) {
+        ReplicationMessage(settings_t()), ReplicationMessage(layers_t())}) {
     channels.push_back(ChannelOf(message, channel_prefix));
   }
   return channels;
@@ -52,13 +60,15 @@ absl::StatusOr<ReplicationMessage> DecodeReplication(absl::Span<const uint8_t> m
       return Widen(Decode<layer_pull_t>(message));
     case MessageType::kSettings:
       return Widen(Decode<settings_t>(message));
+    case MessageType::kLayers:
+      return Widen(Decode<layers_t>(message));
     default:
       return InvalidArgument("no message of the replication protocol");
   }
 }
 
 uint64_t SpeakerOf(const ReplicationMessage& message) {
-  return static_cast<uint64_t>(std::visit([](const auto& m) { return m.speaker; }, message));
+  return static_cast<uint64_t>(std::visit([](const auto& m) { return SpeakerOf(m); }, message));
 }
 
 std::optional<uint64_t> SpeakerOf(absl::Span<const uint8_t> message) {

@@ -12,6 +12,7 @@ layer_status_t StatusOf(const LayerId& id, const LayerSettings& setting) {
   layer_status_t status{};
   status.settings = ToMessage(id, setting, /*has_layer=*/true);
   status.heard_s_ago = -1;
+  status.contradicted = -1;
   return status;
 }
 
@@ -23,7 +24,8 @@ const char* StateOf(const FollowedLayer& layer) {
 }  // namespace
 
 std::vector<layer_status_t> LayerReport::Make(const LayerSet& set,
-                                              const std::vector<FollowedLayer>& followed) {
+                                              const std::vector<FollowedLayer>& followed,
+                                              const std::map<LayerId, Contradiction>& contradictions) {
   std::vector<layer_status_t> statuses;
   std::map<LayerId, Summary> present;
   for (const LayerSnapshot& layer : set.layers) {
@@ -44,13 +46,15 @@ std::vector<layer_status_t> LayerReport::Make(const LayerSet& set,
     status.num_tiles = static_cast<int64_t>(summary.hashes.num_tiles());
     status.hash = static_cast<int64_t>(summary.hashes.hash());
     const double knot_m = set.options.knot_interval_m;
-    const double side_m = Tile::kSide * knot_m;
-    status.area_m2 = static_cast<double>(status.num_tiles) * side_m * side_m;
-    if (status.num_tiles > 0) {
-      status.x0_m = summary.box.tx0 * side_m + setting.shift.i * knot_m;
-      status.y0_m = summary.box.ty0 * side_m + setting.shift.j * knot_m;
-      status.x1_m = summary.box.tx1 * side_m + setting.shift.i * knot_m;
-      status.y1_m = summary.box.ty1 * side_m + setting.shift.j * knot_m;
+    status.area_m2 = summary.extent.area_m2(knot_m);
+    if (const auto box = summary.extent.Box(setting.shift, knot_m)) {
+      status.x0_m = box->x0_m;
+      status.y0_m = box->y0_m;
+      status.x1_m = box->x1_m;
+      status.y1_m = box->y1_m;
+    }
+    if (const auto found = contradictions.find(layer.id); found != contradictions.end()) {
+      status.contradicted = found->second.share().value_or(-1);
     }
     present.insert(summaries_.extract(layer.id));
   }
@@ -69,7 +73,7 @@ const LayerReport::Summary& LayerReport::SummaryOf(const LayerSnapshot& layer) {
   summary.lineage = layer.tiles.lineage();
   layer.tiles.ForEachChanged(summary.version, [&](TileKey key, const TileTree::Entry& entry) {
     summary.hashes.Set(key, TileChecksum(key, *entry.tile));
-    summary.box.Add(key);
+    summary.extent.Set(key, *entry.tile);
   });
   summary.version = layer.tiles.version();
   return summary;

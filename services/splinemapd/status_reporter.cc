@@ -49,6 +49,7 @@ void StatusReporter::CheckHealth() {
   CheckReplication(replication_);
   CheckLayers(replication_);
   CheckDuplicateNames();
+  CheckContradictions();
   CheckForRobots(replication_);
 }
 
@@ -218,6 +219,22 @@ void StatusReporter::CheckDuplicateNames() {
   }
 }
 
+void StatusReporter::CheckContradictions() {
+  if (!contradictions_.Check(parts_.newest)) return;
+  const std::set<LayerId> before = std::exchange(contradicting_, {});
+  for (const auto& [id, contradiction] : contradictions_.contradictions()) {
+    if (!contradiction.IsTooMuch()) continue;
+    contradicting_.insert(id);
+    if (before.contains(id)) continue;
+    parts_.notices.ReportProblem(
+        Problem::kContradiction, id.name,
+        fmt::format("{} of the layer of {} are where the others saw free space, so its frame may "
+                    "be another: splinemap render --live --contradictions shows where, splinemap "
+                    "layer shifts or mutes it",
+                    ObstaclesText(contradiction), id.name));
+  }
+}
+
 void StatusReporter::ReportDuplicateName(const LayerId& first, const LayerId& second) {
   constexpr size_t kMaxReported = 256;
   if (reported_names_.size() >= kMaxReported || !reported_names_.insert(second).second) return;
@@ -239,7 +256,8 @@ layers_t StatusReporter::MakeLayers() {
   layers.num_refused = static_cast<int32_t>(layers.refused.size());
   layers.name = set->layers.front().id.name;
   layers.settings_hash = static_cast<int64_t>(replication_.settings_hash);
-  layers.layers = layer_report_.Make(*set, replication_.followed);
+  layers.layers = layer_report_.Make(*set, replication_.followed,
+                                      contradictions_.contradictions());
   layers.num_layers = static_cast<int32_t>(layers.layers.size());
   return layers;
 }

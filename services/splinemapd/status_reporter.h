@@ -10,6 +10,7 @@
 #include "lcmtypes/splinemap/layers_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/config/config.h"
+#include "services/splinemapd/contradiction_watch.h"
 #include "services/splinemapd/host_clock_watch.h"
 #include "services/splinemapd/layer_report.h"
 #include "services/splinemapd/map_saver.h"
@@ -53,6 +54,7 @@ class StatusReporter {
   void CheckReplication(const ReplicationThread::Report& report);
   void CheckLayers(const ReplicationThread::Report& report);
   void CheckDuplicateNames();
+  void CheckContradictions();
   void CheckForRobots(const ReplicationThread::Report& report);
   void ReportDuplicateName(const LayerId& first, const LayerId& second);
   int64_t DroppedByOverload() const;
@@ -69,6 +71,8 @@ class StatusReporter {
   std::set<std::string> reported_refused_;
   std::set<LayerId> reported_names_;
   std::map<LayerId, int64_t> disowned_;
+  ContradictionWatch contradictions_{started_};
+  std::set<LayerId> contradicting_;
   bool was_full_ = false;
   bool said_alone_ = false;
   ReplicationThread::Report replication_;  // of the last CheckHealth()

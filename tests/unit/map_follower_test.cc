@@ -9,6 +9,8 @@
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_settings_t.hpp"
+#include "lcmtypes/splinemap/layer_status_t.hpp"
+#include "lcmtypes/splinemap/layers_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lib/replication/pyramid_publisher.h"
 #include "lib/wire/encode.h"
@@ -209,6 +211,68 @@ TEST(MapFollowerTest, SettingsFromTheBusAreIgnoredWhereNoneAreTaken) {
       EXPECT_TRUE(takes_settings || !std::holds_alternative<settings_t>(message));
     }
   }
+}
+
+// A daemon's list of one layer.
+layers_t ListOf(const LayerId& id, uint64_t session_number, int64_t num_tiles) {
+  layer_status_t layer{};
+  layer.settings = ToMessage(id, {}, /*has_layer=*/true);
+  layer.session_number = static_cast<int64_t>(session_number);
+  layer.state = "gone";
+  layer.num_tiles = num_tiles;
+  layers_t list{};
+  list.daemon_nonce = 77;
+  list.name = "base";
+  list.num_layers = 1;
+  list.layers = {layer};
+  return list;
+}
+
+TEST(MapFollowerTest, ALayerThatADaemonHasAndNobodyDigestsIsMissing) {
+  Owner one("one", 1);
+  Owner absent("absent", 2);
+  one.Commit({0, 0}, 100);
+  absent.Commit({0, 0}, 20);
+  MapFollower follower({}, kSpeaker);
+  Clock::time_point now = kBegin;
+  const auto pass = [&](milliseconds time) {
+    for (const Clock::time_point end = now + time; now < end; now += milliseconds(50)) {
+      TickOf(follower, now);
+    }
+    one.SpeakTo(follower, now);
+  };
+  one.SpeakTo(follower, now);
+  EXPECT_FALSE(follower.IsCaughtUp(now));  // others may still answer
+  pass(milliseconds(2000));
+  EXPECT_TRUE(follower.IsCaughtUp(now));
+  follower.HandleBytes(Encode(ListOf({"empty", 3}, 1, 0)), now);
+  follower.HandleBytes(Encode(ListOf({"one", 1}, 1, 1)), now);
+  EXPECT_TRUE(follower.IsCaughtUp(now));
+  follower.HandleBytes(Encode(ListOf({"absent", 2}, 1, 1)), now);
+  EXPECT_FALSE(follower.IsCaughtUp(now));
+  ASSERT_EQ(follower.FollowedLayers(now).size(), 2u);
+  EXPECT_EQ(follower.FollowedLayers(now)[1].id, (LayerId{"absent", 2}));
+  EXPECT_FALSE(follower.FollowedLayers(now)[1].caught_up);
+  absent.SpeakTo(follower, now);
+  EXPECT_TRUE(follower.IsCaughtUp(now));
+  EXPECT_EQ(follower.FollowedLayers(now).size(), 2u);
+}
+
+TEST(MapFollowerTest, WhatIsNotFollowedIsNotMissing) {
+  Owner one("one", 1);
+  one.Commit({0, 0}, 100);
+  FollowOptions options;
+  options.names = {"one", "removed"};
+  MapFollower follower(options, kSpeaker);
+  follower.HandleBytes(SettingsMessage({"removed", 3}, Setting(1, false, 5)), kBegin);
+  follower.HandleBytes(Encode(ListOf({"other", 2}, 1, 1)), kBegin);
+  follower.HandleBytes(Encode(ListOf({"removed", 3}, 5, 1)), kBegin);
+  one.SpeakTo(follower, kBegin);
+  EXPECT_EQ(follower.FollowedLayers(kBegin).size(), 1u);
+  follower.HandleBytes(Encode(ListOf({"removed", 3}, 6, 1)), kBegin);
+  EXPECT_EQ(follower.FollowedLayers(kBegin).size(), 2u);
+  // Daemons that are not there any more have nothing.
+  EXPECT_EQ(follower.FollowedLayers(kBegin + milliseconds(4000)).size(), 1u);
 }
 
 TEST(MapFollowerTest, AStartOrARemovalThatNobodyCountsToIsIgnored) {

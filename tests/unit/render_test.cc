@@ -52,6 +52,20 @@ TEST(RasterTest, PixelsShowTheSurfaceAtTheirCentre) {
   EXPECT_GT(occupied, 50);
 }
 
+TEST(RasterTest, MarksThePixelsOfARegionAndAtLeastOne) {
+  Raster raster = RenderMap(*Room(), *FittingGrid(*Room(), 2));
+  const auto marked = [&] { return std::count(raster.marked.begin(), raster.marked.end(), true); };
+  raster.Mark({-0.05, 0.15, 0.05, 0.25});  // about knot (0, 2)
+  EXPECT_EQ(marked(), 4);
+  EXPECT_TRUE(raster.marked[size_t{8} * raster.grid.width + 8]);
+  EXPECT_TRUE(raster.marked[size_t{9} * raster.grid.width + 9]);
+  raster.Mark({0.51, 0.01, 0.52, 0.02});
+  EXPECT_EQ(marked(), 5);
+  raster.Mark({100, 100, 101, 101});
+  raster.Mark({-101, -101, -100, -100});
+  EXPECT_EQ(marked(), 5);
+}
+
 TEST(RasterTest, FitsThePictureToASide) {
   EXPECT_EQ(FittingPixelsPerKnot(*Room(), 60), 4);  // the longer side is 15 knots
   EXPECT_EQ(FittingPixelsPerKnot(*Room(), 3), 0.2);

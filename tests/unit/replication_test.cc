@@ -221,6 +221,7 @@ class World {
     publisher_ = std::make_shared<PyramidPublisher>(layer_->Snapshot(), kMapOptions, options_);
     budget_.emplace(options_.bytes_per_s);
   }
+  void Broadcast(const layers_t&) {}  // nobody here sends any
   void Broadcast(const layer_updates_t& updates) {
     EXPECT_TRUE(updates.getEncodedSize() <= int(kMaxMessageBytes) || updates.num_tiles == 1);
     tiles_sent_ += updates.num_tiles;

@@ -188,8 +188,9 @@ TEST_F(RequestServerTest, AFloodOfNewIdsDoesNotTakeTheStateOfAQueryAway) {
   SetMap(2, 21);
   for (int64_t stranger = 100; stranger < 200; ++stranger) {
     server_->Handle(Encode(Request(stranger, 1, 9)));
-    Await(++asked);
+    if (++asked % 10 == 0) Await(asked);  // more would be refused
   }
+  Await(asked);
   server_->Handle(Encode(Request(1, 3, 9)));
   EXPECT_EQ(Header(Await(++asked).back()).revision, 20);
 }

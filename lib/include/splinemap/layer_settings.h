@@ -44,7 +44,8 @@ struct LayerSettings {
   // Whether a file or a message may say so: shifts and numbers within bounds that leave room to
   // count on.
   bool IsValid() const;
-  // Removes the layer for good: all sessions of the generation of `session`.
+  // Removes the layer for good: all sessions of the generation of `session`. A layer of that name
+  // that comes later begins with the default settings.
   void Remove(const SessionId& session);
   bool IsRemoved(const SessionId& session) const { return session.number <= removed_up_to; }
   bool IsSummed() const { return !muted; }

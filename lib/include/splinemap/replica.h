@@ -36,7 +36,11 @@ class MapReplica : public QueryableMap {
   // The layers at the moment, and each in the state in which a digest matched for the last time.
   LayerSet Layers() const;
   LayerSet SyncedLayers() const;
+  // Those that are here, and those that a daemon has and nobody has digested yet.
   std::vector<FollowedLayer> FollowedLayers() const;
+  // Whether all that anybody on the bus has is here, of the layers that are followed. False for the
+  // first 2 s, in which the replica asks who is there.
+  bool IsCaughtUp() const;
   // Robots whose layers are not followed, and why.
   std::vector<std::string> Refused() const;
   int64_t BytesReceived() const;

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+
+#include "absl/container/flat_hash_map.h"
+#include "splinemap/layer_settings.h"
+#include "splinemap/region.h"
+#include "splinemap/tile_tree.h"
+
+namespace splinemap {
+
+// The part of the plane that a layer knows: of each control point that a measurement touched, the
+// square of the knot interval about it. Thread-compatible.
+class LayerExtent {
+ public:
+  // Adds a tile, or replaces it.
+  void Set(TileKey key, const Tile& tile);
+  void SetAll(const TileTree& tiles);
+
+  double area_m2(double knot_interval_m) const;
+  // Around all squares, in the map frame; none where nothing is known. Costs all tiles.
+  std::optional<Region> Box(KnotShift shift, double knot_interval_m) const;
+
+ private:
+  struct Touched {
+    int16_t points = 0;
+    int8_t i0 = 0;  // the box around them, its last row and column included
+    int8_t j0 = 0;
+    int8_t i1 = 0;
+    int8_t j1 = 0;
+  };
+  static Touched TouchedOf(const Tile& tile);
+
+  absl::flat_hash_map<TileKey, Touched> tiles_;
+  int64_t points_ = 0;
+};
+
+}  // namespace splinemap

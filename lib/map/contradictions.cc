@@ -1,0 +1,94 @@
+#include "lib/map/contradictions.h"
+
+
+#include "fmt/format.h"
+
+namespace splinemap {
+namespace {
+
+// An obstacle, and free space below minus that: 1 log-odds.
+constexpr int kCertain = kUnitsPerLogOdds;
+
+// Reads control points of one tree, neighbours one after the other.
+class ControlPointReader {
+ public:
+  explicit ControlPointReader(const TileTree& tiles) : tiles_(tiles) {}
+
+  int At(int32_t i, int32_t j) {
+    if (const TileKey key = TileOf(i, j); !is_read_ || key != key_) {
+      key_ = key;
+      tile_ = tiles_.Find(key);
+      is_read_ = true;
+    }
+    return tile_ == nullptr ? 0 : tile_->control_points[IndexInTile(i, j)];
+  }
+
+ private:
+  const TileTree& tiles_;
+  bool is_read_ = false;
+  TileKey key_;
+  const Tile* tile_ = nullptr;
+};
+
+// What the map says at its control points without one of its layers.
+class OtherLayers {
+ public:
+  OtherLayers(const MapView& sum, const LayerSnapshot& layer, KnotShift shift)
+      : sum_(sum.tiles), layer_(layer.tiles), shift_(shift) {}
+
+  int At(int32_t i, int32_t j) { return sum_.At(i, j) - layer_.At(i - shift_.i, j - shift_.j); }
+  bool Knows(int32_t i, int32_t j) { return At(i, j) != 0; }
+  bool IsFreeAround(int32_t i, int32_t j) {
+    for (int32_t dj = -1; dj <= 1; ++dj) {
+      for (int32_t di = -1; di <= 1; ++di) {
+        if (At(i + di, j + dj) > -kCertain) return false;
+      }
+    }
+    return true;
+  }
+
+ private:
+  ControlPointReader sum_;
+  ControlPointReader layer_;
+  KnotShift shift_;
+};
+
+}  // namespace
+
+std::optional<double> Contradiction::share() const {
+  if (compared < kMinCompared) return std::nullopt;
+  return static_cast<double>(contradicted) / static_cast<double>(compared);
+}
+
+std::string ObstaclesText(const Contradiction& contradiction) {
+  return fmt::format("{:.0f} % of {} obstacles", 100 * *contradiction.share(),
+                     contradiction.compared);
+}
+
+void VisitComparedPoints(const LayerSet& set, const MapView& sum, ComparedPointVisitor visit) {
+  for (const LayerSnapshot& layer : set.layers) {
+    const LayerSettings& settings = set.settings.Of(layer.id);
+    if (!settings.IsSummed()) continue;
+    OtherLayers others(sum, layer, settings.shift);
+    layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+      for (int k = 0; k < Tile::kSize; ++k) {
+        if (entry.tile->control_points[k] < kCertain) continue;
+        const int32_t i = Tile::kSide * key.tx + k % Tile::kSide + settings.shift.i;
+        const int32_t j = Tile::kSide * key.ty + k / Tile::kSide + settings.shift.j;
+        if (others.Knows(i, j)) visit(layer.id, i, j, others.IsFreeAround(i, j));
+      }
+    });
+  }
+}
+
+std::map<LayerId, Contradiction> ContradictionsOf(const LayerSet& set, const MapView& sum) {
+  std::map<LayerId, Contradiction> contradictions;
+  VisitComparedPoints(set, sum, [&](const LayerId& id, int32_t, int32_t, bool is_contradicted) {
+    Contradiction& of_layer = contradictions[id];
+    ++of_layer.compared;
+    of_layer.contradicted += is_contradicted ? 1 : 0;
+  });
+  return contradictions;
+}
+
+}  // namespace splinemap
