@@ -115,8 +115,9 @@ expect_text "####" out
 
 # The layers of the daemon, and a setting of one.
 expect 0 splinemap layers saved.splinemap --json
-[[ $(jq '.[0].hash' out) == "$(splinemap layers --live --robot robot --json |
-  jq '.[0].layers[0].hash')" ]] || fail "layers --live differs: $(cat out)"
+content='[.hash, .area_m2, .box_m, .contradicted, .tiles]'
+[[ $(jq -c ".[0] | $content" out) == "$(splinemap layers --live --robot robot --json |
+  jq -c ".[0].layers[0] | $content")" ]] || fail "layers --live differs: $(cat out)"
 expect 0 splinemap layer mute --live robot
 expect_text "mute robot@" err
 expect_text "saved by the daemon of robot" err
