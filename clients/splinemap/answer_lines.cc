@@ -120,6 +120,7 @@ absl::Status AnswerFile(const QueryableMap& map, const LineFlags& flags,
 void AddLineFlags(CLI::App& command, const std::string& names, const std::string& what,
                   const std::string& path_flag, LineFlags& flags) {
   AddMapSource(command, names, what, flags.source);
+  flags.numbers = names.substr(names.find(' ') + 1);
   flags.path_flag = path_flag;
   command.add_option(path_flag, flags.path, "CSV file of " + path_flag.substr(2) + ", - for stdin")
       ->type_name("FILE");
@@ -141,7 +142,7 @@ void PrintAnswer(const std::string& columns, const std::string& line, bool json)
 absl::StatusOr<int> AnswerLines(const LineFlags& flags, const LineAnswers& answers) {
   SPLINEMAP_ASSIGN_OR_RETURN(const Row numbers, NumbersAfterMap(flags.source));
   if (numbers.size() != (flags.path.empty() ? NumColumns(answers) : 0)) {
-    return InvalidArgument("give either {} or {} FILE", answers.row, flags.path_flag);
+    return InvalidArgument("give {}, or {} FILE in their place", flags.numbers, flags.path_flag);
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const MapSource source, OpenMapSource(flags.source));
   if (!flags.path.empty()) {

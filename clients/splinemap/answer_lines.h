@@ -16,6 +16,7 @@ namespace splinemap {
 // What commands take that answer rows of numbers, from the command line or from a file.
 struct LineFlags {
   MapSourceFlags source;
+  std::string numbers;  // "X Y"
   std::string path_flag;
   std::string path;  // of a file of rows, - for stdin; empty: the row is on the command line
   bool json = false;

@@ -32,12 +32,15 @@ absl::StatusOr<int> CheckPath(const CheckFlags& flags) {
   const SweepsQuery::Result& result = answer.results.at(0);
   constexpr const char* kColumns = "occupancy,certified,free_m,contact_x_m,contact_y_m";
   if (!flags.json) fmt::print("{}\n", kColumns);
+  const bool is_free = result.occupancy == Occupancy::kFree;
+  const std::string contact =
+      is_free ? "nan,nan"
+              : fmt::format("{:.6f},{:.6f}", result.contact_m.x(), result.contact_m.y());
   PrintAnswer(kColumns,
-              fmt::format("{},{},{:.6f},{:.6f},{:.6f}", NameOf(result.occupancy),
-                          result.is_certified ? 1 : 0, result.free_m, result.contact_m.x(),
-                          result.contact_m.y()),
+              fmt::format("{},{},{:.6f},{}", NameOf(result.occupancy), result.is_certified ? 1 : 0,
+                          result.free_m, contact),
               flags.json);
-  return result.occupancy == Occupancy::kFree ? source.exit_status : kFailed;
+  return is_free ? source.exit_status : kFailed;
 }
 
 constexpr const char* kCheckExamples = R"(
@@ -47,7 +50,7 @@ Examples:
 
 Checks whether a disc can move along the path through these points, or stand at one point. Prints
 what it touches first, whether bounds of the surface alone prove that (certified), the length of
-path that is free, and a point of contact (0 where free). Exit status: 0 free; 1 not free, or failed
+path that is free, and a point of contact (nan where free). Exit status: 0 free; 1 not free, or failed
 and nothing is on stdout; 2 usage.)";
 
 }  // namespace

@@ -20,8 +20,8 @@ struct DistanceFlags {
 absl::StatusOr<int> MeasureDistance(const DistanceFlags& flags) {
   LineAnswers answers;
   answers.row = "x_m,y_m";
-  answers.columns = "distance_m,gradient_x,gradient_y";
-  answers.invalid = "nan,nan,nan";
+  answers.columns = "distance_m,gradient_x,gradient_y,found";
+  answers.invalid = "nan,nan,nan,0";
   answers.answer = [&](const QueryableMap& map, const std::vector<std::vector<double>>& rows)
       -> absl::StatusOr<std::vector<std::string>> {
     DistancesQuery query;
@@ -31,8 +31,9 @@ absl::StatusOr<int> MeasureDistance(const DistanceFlags& flags) {
     SPLINEMAP_ASSIGN_OR_RETURN(const DistancesQuery::Answer answer, map.Ask(query));
     std::vector<std::string> lines;
     for (const DistancesQuery::Distance& distance : answer.distances) {
-      lines.push_back(fmt::format("{:.6f},{:.6f},{:.6f}", distance.distance_m,
-                                  distance.gradient.x(), distance.gradient.y()));
+      lines.push_back(fmt::format("{:.6f},{:.6f},{:.6f},{}", distance.distance_m,
+                                  distance.gradient.x(), distance.gradient.y(),
+                                  distance.distance_m < flags.max_distance_m ? 1 : 0));
     }
     return lines;
   };
@@ -45,8 +46,9 @@ Examples:
   splinemap distance --live 1.25 -0.4 --max-distance 5
   splinemap distance lab.splinemap --points path.csv > clearances.csv
 
-Prints the distance to the nearest occupied point, or --max-distance where none is nearer, and its
-gradient, which points away from the obstacle. --points reads lines x_m,y_m, ignores further
+Prints the distance to the nearest occupied point, and its gradient, which points away from the
+obstacle. Where none is nearer than --max-distance, "found" is 0 and the distance is that. Unknown
+space is no obstacle: splinemap query tells what is known. --points reads lines x_m,y_m, ignores further
 columns, and prints one line for each; a header yields a header. --live sends 10,000 lines at a
 time.)";
 

@@ -71,7 +71,8 @@ absl::StatusOr<int> ImportCarmen(const ImportCarmenFlags& flags) {
   }
   if (times.replaced > 0) {
     PrintLine(stderr,
-              "{} time stamps repeat, step back or jump; steps of 1/{:g} s (--rate) replace them",
+              "{} scans have time stamps that repeat, step back or jump; these scans are stamped "
+              "1/{:g} s apart, which --rate changes",
               times.replaced, flags.rate_hz);
   }
   if (log.broken_lines > 0) {

@@ -53,8 +53,8 @@ nlohmann::json ToJson(const LayerSet& map, const std::string& path) {
 
 void PrintForPeople(const nlohmann::json& json) {
   const auto number = [](const nlohmann::json& value) { return value.get<double>(); };
-  PrintLine(stdout, "{}: {:.1f} MB, {} tiles, {:.1f} m2 seen", json["file"].get<std::string>(),
-            number(json["file_bytes"]) * 1e-6, json["tiles"].get<int64_t>(),
+  PrintLine(stdout, "{}: {:.0f} kB, {} tiles, {:.1f} m2 seen", json["file"].get<std::string>(),
+            number(json["file_bytes"]) * 1e-3, json["tiles"].get<int64_t>(),
             number(json["area_m2"]));
   PrintLine(stdout, "knot interval {} m, control points {} .. {} log-odds",
             number(json["knot_interval_m"]), number(json["clamp_min"]), number(json["clamp_max"]));

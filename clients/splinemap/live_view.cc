@@ -21,9 +21,7 @@ std::string Staleness(double staleness_ms) {
                                : fmt::format("{:.0f} s", staleness_ms / 1000);
 }
 
-}  // namespace
-
-std::string StatusLine(const status_t& status) {
+std::string CountsOf(const status_t& status) {
   std::string line = fmt::format(
       "{}: {} of {} scans mapped, {} poses; {} waiting; {} tiles", PlainText(status.name),
       status.scans_mapped, status.scans_received, status.poses_received,
@@ -35,8 +33,14 @@ std::string StatusLine(const status_t& status) {
     line += fmt::format("{} {} {}", k == 0 ? "; dropped" : ",", status.drop_counts[k],
                         PlainText(status.drop_reasons[k]));
   }
-  if (!status.last_problem.empty()) line += "; " + PlainText(status.last_problem);
   return line;
+}
+
+}  // namespace
+
+std::string StatusLine(const status_t& status) {
+  const std::string problem = PlainText(status.last_problem);
+  return CountsOf(status) + (problem.empty() ? "" : "; " + problem);
 }
 
 void LiveView::HandleStatus(const status_t& status) {
@@ -57,9 +61,9 @@ std::string LiveView::Draw(Clock::time_point now) {
   std::erase_if(daemons_,
                 [&](const auto& daemon) { return now - daemon.second.received > kForgotten; });
   std::string text = DaemonLines(now) + "\n" + LayerLines(passed_s) + "\n";
-  // Lines of daemons may take two rows.
+  // Lines of daemons and their problems may take two rows.
   const auto lines = static_cast<int>(std::count(text.begin(), text.end(), '\n')) +
-                     static_cast<int>(daemons_.size());
+                     2 * static_cast<int>(daemons_.size());
   const std::shared_ptr<const MapView> map = replica_.View();
   // Without a map, or with one that is too large to draw, there is no picture.
   if (const absl::StatusOr<std::string> preview = Preview(*map, lines + 2); preview.ok()) {
@@ -74,15 +78,18 @@ std::string LiveView::DaemonLines(Clock::time_point now) const {
   if (const std::string problem = replica_.BusProblem(); !problem.empty()) {
     text = PlainText(problem) + "\n";
   } else if (daemons_.empty()) {
-    text = "no status was received; is splinemapd on this bus?\n";
+    text = now - started_ < kSilent ? "listening ..\n"
+                                    : "no status was received; is splinemapd on this bus?\n";
   }
   for (const auto& [nonce, daemon] : daemons_) {
-    text += StatusLine(daemon.status) + fmt::format("; {:.1f} scans/s", daemon.scans_per_s);
+    text += CountsOf(daemon.status) + fmt::format("; {:.1f} scans/s", daemon.scans_per_s);
     if (now - daemon.received > kSilent) {
       text += fmt::format("; no status for {:.0f} s",
                           std::chrono::duration<double>(now - daemon.received).count());
     }
     text += '\n';
+    const std::string& problem = daemon.status.last_problem;
+    if (!problem.empty()) text += "  " + PlainText(problem) + "\n";
   }
   return text;
 }

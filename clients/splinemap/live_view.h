@@ -32,7 +32,8 @@ class LiveView {
   const MapReplica& replica_;
   std::map<int64_t, Daemon> daemons_;  // by nonce
   int64_t bytes_ = 0;
-  Clock::time_point last_drawn_ = Clock::now();
+  const Clock::time_point started_ = Clock::now();
+  Clock::time_point last_drawn_ = started_;
 };
 
 // One line about a daemon. It is PlainText, since names and problems come from the bus.

@@ -11,6 +11,7 @@
 #include "lib/base/did_you_mean.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
+#include "lib/config/usage_error.h"
 
 namespace splinemap {
 namespace {
@@ -68,7 +69,8 @@ std::string ProblemOfCommand(const CLI::App& app, const std::vector<std::string>
 
 int Main(int argc, char** argv) {
   CLI::App app(
-      "splinemap: builds, queries, merges and draws continuous occupancy maps of LCM robots.");
+      "splinemap: builds, queries, merges and draws continuous occupancy maps of LCM robots.",
+      "splinemap");
   app.formatter(std::make_shared<HelpFormatter>());
   app.footer(kMainExamples);
   app.set_version_flag("--version", SPLINEMAP_VERSION);
@@ -108,7 +110,9 @@ int Main(int argc, char** argv) {
   try {
     app.parse(argc, pointers.data());
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? kSuccess : kUsage;
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    PrintLine(stderr, "{}", UsageErrorText(app, error));
+    return kUsage;
   }
   RemoveTemporaryFilesAtSignals();
   try {

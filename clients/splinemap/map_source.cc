@@ -2,6 +2,7 @@
 
 #include <CLI/App.hpp>
 #include <chrono>
+#include <cmath>
 #include <thread>
 
 #include "absl/strings/numbers.h"
@@ -61,8 +62,12 @@ absl::StatusOr<std::vector<double>> NumbersAfterMap(const MapSourceFlags& flags)
     double number = 0;
     if (!absl::SimpleAtod(argument, &number)) {
       return InvalidArgument("{} is not a number{}", argument,
-                             flags.live ? "; --live takes the place of the map file" : "");
+                             flags.live ? "; --live takes the place of the map file"
+                             : argument.find(',') != std::string::npos
+                                 ? "; numbers are separated by spaces"
+                                 : "");
     }
+    if (!std::isfinite(number)) return InvalidArgument("{} is no coordinate", argument);
     numbers.push_back(number);
   }
   return numbers;

@@ -220,9 +220,9 @@ void RequestFlow::Tick(Clock::time_point now) {
 
 std::string RequestFlow::WhyNoDaemon() const {
   return fmt::format(
-      "no splinemapd{} answers on {}{}; does it run on this bus (LCM_DEFAULT_URL), with that "
-      "channel_prefix{}? splinemap watch shows who is there",
-      robot_.empty() ? "" : " of " + PlainText(robot_), channel_prefix_, Rpc<PointsQuery>::kChannel,
+      "no splinemapd{} answers; does it run on this bus (LCM_DEFAULT_URL), with channel_prefix {}{}? "
+      "splinemap watch shows who is there",
+      robot_.empty() ? "" : " of " + PlainText(robot_), channel_prefix_,
       heard_.empty()
           ? ""
           : fmt::format(", and not only that of {}", PlainText(absl::StrJoin(heard_, ", "))));

@@ -161,7 +161,8 @@ absl::Status CheckConfig(const config::Config& config) {
   if (config.service().sensors() && (config.scan_size() == 0 || config.pose().empty())) {
     return InvalidArgument(
         "no {} channel: give --scan CHANNEL[:PRESET] and --pose CHANNEL, or scan {{ channel: .. }} "
-        "and pose: in a file for --config. What a log holds shows: splinemap doctor LOG",
+        "and pose: in a file for --config. What is on the bus shows: splinemap doctor --live; in a log: "
+        "splinemap doctor LOG",
         config.scan_size() == 0 ? "scan" : "pose");
   }
   // The longest are those of replies, _REPLIES_ and 16 digits.

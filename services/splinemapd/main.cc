@@ -19,6 +19,7 @@
 #include "lib/base/status.h"
 #include "lib/config/checked_text.h"
 #include "lib/config/flags.h"
+#include "lib/config/usage_error.h"
 #include "services/splinemapd/daemon.h"
 
 namespace splinemap {
@@ -185,13 +186,16 @@ absl::Status Run(const config::Config& config, const Signals& signals) {
 }
 
 int Main(int argc, char** argv) {
-  CLI::App app("splinemapd: maps LCM scans and poses into a continuous occupancy map.");
+  CLI::App app("splinemapd: maps LCM scans and poses into a continuous occupancy map.",
+               "splinemapd");
   Flags flags;
   AddFlags(app, flags);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : kUsage;
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    fmt::print(stderr, "{}\n", UsageErrorText(app, error));
+    return kUsage;
   }
   const absl::StatusOr<config::Config> config = ConfigOf(flags);
   if (!config.ok()) {

@@ -60,7 +60,7 @@ same 0 ray 10 10 0 --unknown free
 [[ $(tail -n 1 out) == free,30.000000 ]] || fail "not passed: $(cat out)"
 same 0 ray 0 0 0 --occupied -0.5
 same 0 check -1 -1 1 -1 1 1 --radius 0.2
-[[ $(tail -n 1 out) == free,?,4.000000,0.000000,0.000000 ]] || fail "not free: $(cat out)"
+[[ $(tail -n 1 out) == free,?,4.000000,nan,nan ]] || fail "not free: $(cat out)"
 same 1 check -1 -1 3 -1 --radius 0.2
 [[ $(tail -n 1 out) == occupied,* ]] || fail "through the wall: $(cat out)"
 same 1 check 20 20 --radius 0.2
@@ -69,7 +69,7 @@ same 0 distance -1 -1.5
 awk -F, 'NR == 2 && $1 > 0.3 && $1 < 0.6 && $3 > 0.9 { found = 1 } END { exit !found }' out ||
   fail "the wall is half a metre below: $(cat out)"
 same 0 distance 0 0 --max-distance 0.1
-[[ $(tail -n 1 out) == 0.100000,0.000000,0.000000 ]] || fail "distance: $(cat out)"
+[[ $(tail -n 1 out) == 0.100000,0.000000,0.000000,0 ]] || fail "distance: $(cat out)"
 
 # Files, more lines than one batch over the bus has.
 awk 'BEGIN { print "x_m,y_m,bearing_deg"
@@ -151,18 +151,20 @@ refused() {
 }
 for command in query ray distance; do
   refused "give a map file, or --live in its place" $command
-  refused "give either x_m,y_m" $command saved.splinemap 1
-  refused "give either x_m,y_m" $command --live
+  refused "give X Y" $command saved.splinemap 1
+  refused "give X Y" $command --live
+  refused "nan is no coordinate" $command saved.splinemap 1 nan
+  refused "1,2 is not a number; numbers are separated by spaces" $command saved.splinemap 1,2
   refused "saved.splinemap is not a number; --live takes the place" $command saved.splinemap 1 2 3 --live
   refused "requires --live" $command saved.splinemap 1 2 --robot robot
 done
-refused "give either" query saved.splinemap 1 2 --points few.csv
+refused "give X Y, or --points FILE in their place" query saved.splinemap 1 2 --points few.csv
 refused "render_1.png exists; --force replaces it" render --live render_1.png
 refused "export_1.pgm exists; --force replaces it" export --live export_1 --format ros
 refused "excludes" layer mute --live robot --out x.splinemap
 refused "the bus has no layer rbot (did you mean robot?)" layer mute --live rbot
 refused "give the layer to change" layer mute --live
-refused "ray 0 is from" ray --live 0 nan 0
+refused "nan is no coordinate" ray --live 0 nan 0
 refused "ray 0 is from" ray saved.splinemap 0 0 0 --max-range -1
 refused "--unknown" ray saved.splinemap 0 0 0 --unknown maybe
 refused "max_distance_m is 1000" distance --live 0 0 --max-distance 1000

@@ -50,6 +50,14 @@ expect 2 splinemap
 expect_text "give a command" err
 expect 2 splinemap rendr room.splinemap
 expect_text "there is no command rendr (did you mean render?)" err
+expect 2 splinemap query room.splinemap 1 2 --hesian
+expect_text "splinemap query: there is no flag --hesian (did you mean --hessian?); splinemap query --help" err
+expect 2 splinemap info room.splinemap other.splinemap
+expect_text "splinemap info: other.splinemap is one argument too many" err
+expect 2 splinemap layer shft
+expect_text "splinemap layer: " err
+expect 2 splinemapd --scann LASER --pose POSE
+expect_text "splinemapd: there is no flag --scann (did you mean --scan?); splinemapd --help" err
 
 # crop
 expect 0 splinemap crop room.splinemap crop.splinemap --region 1.7,-2,2,-1.7
@@ -255,7 +263,7 @@ expect_text "nothing was received" err
 } > small.log
 gzip -k small.log
 expect 0 splinemap import-carmen small.log small.lcmlog
-expect_text "2 time stamps" err
+expect_text "2 scans have time stamps that repeat" err
 expect_text "the first is line 5" err
 expect 0 splinemap import-carmen small.log.gz small_gz.lcmlog --rate 10
 cmp small.lcmlog small_gz.lcmlog || fail "gz differs"
