@@ -32,6 +32,7 @@ void AddDoctor(CLI::App& app, Command& chosen);
 void AddExport(CLI::App& app, Command& chosen);
 void AddFlatten(CLI::App& app, Command& chosen);
 void AddImportCarmen(CLI::App& app, Command& chosen);
+void AddImportRos(CLI::App& app, Command& chosen);
 void AddInfo(CLI::App& app, Command& chosen);
 void AddLayer(CLI::App& app, Command& chosen);
 void AddLayers(CLI::App& app, Command& chosen);

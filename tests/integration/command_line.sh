@@ -273,7 +273,7 @@ subcommands() {
   splinemap "$@" --help | awk '/^Subcommands:/ { inside = 1; next } NF == 0 { inside = 0 } inside { print $1 }'
 }
 mapfile -t commands < <(subcommands)
-((${#commands[@]} == 24)) || fail "commands: ${commands[*]}"
+((${#commands[@]} == 25)) || fail "commands: ${commands[*]}"
 mapfile -t settings < <(subcommands layer | sed 's/^/layer /')
 ((${#settings[@]} == 6)) || fail "commands of layer: ${settings[*]}"
 live=()
@@ -311,7 +311,7 @@ done
 [[ ${live[*]} == "render export query ray check distance raster layers ${settings[*]}" ]] ||
   fail "take --live: ${live[*]}"
 [[ ${json[*]} == "info query ray check distance diff layers doctor watch" ]] || fail "print JSON: ${json[*]}"
-[[ ${force[*]} == "build render export raster merge flatten backup crop snapshot simulate import-carmen ${settings[*]}" ]] ||
+[[ ${force[*]} == "build render export raster merge flatten backup crop snapshot simulate import-carmen import-ros ${settings[*]}" ]] ||
   fail "write files: ${force[*]}"
 expect 2 splinemap control mute robot
 expect 2 splinemap remove room.splinemap robot -o x.splinemap
