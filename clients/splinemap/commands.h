@@ -37,6 +37,7 @@ void AddInfo(CLI::App& app, Command& chosen);
 void AddLayer(CLI::App& app, Command& chosen);
 void AddLayers(CLI::App& app, Command& chosen);
 void AddMerge(CLI::App& app, Command& chosen);
+void AddPrefixChannels(CLI::App& app, Command& chosen);
 void AddQuery(CLI::App& app, Command& chosen);
 void AddRaster(CLI::App& app, Command& chosen);
 void AddRay(CLI::App& app, Command& chosen);
