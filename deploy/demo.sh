@@ -4,21 +4,25 @@ set -euo pipefail
 
 usage() {
   cat << EOF
-usage: deploy/demo.sh [--yes] [LOG [input flags of splinemapd]]    (splinemapd --help lists them)
+usage: deploy/demo.sh [--yes] [--installed] [LOG [input flags of splinemapd]]
+       deploy/demo.sh [--yes] [--installed] --two-robots [LOG_A LOG_B]
 
   deploy/demo.sh                                     a simulated drive through an office floor
   deploy/demo.sh drive.lcmlog                        an LCM log
   deploy/demo.sh intel.log.gz                        a CARMEN log
   deploy/demo.sh lab.lcmlog --pose SLAM_POSE --scan LIDAR:michigan_2017,time_offset_ms=-200
+  deploy/demo.sh --two-robots                        two simulated robots, each with a daemon
+  deploy/demo.sh --two-robots one.lcmlog two.lcmlog  two logs of one place, in one frame
 
 Installs what is missing (asks first on a terminal, unless --yes), builds, plays the log on a bus of
-its own that no robot hears, and writes build/demo/map.png and build/demo/demo.splinemap.
+its own that no robot hears, and writes build/demo/map.png and build/demo/demo.splinemap. Two robots
+follow each other: their sum is map.png, and in each of their files. --installed takes the programs
+on the PATH instead, and writes into the folder demo here. splinemapd --help lists input flags.
 EOF
 }
 
 top=$(cd "$(dirname "$(readlink -f "$0")")/.." && pwd -P)
-out=$top/build/demo
-PATH=$top/build/release/clients/splinemap:$top/build/release/services/splinemapd:$PATH
+out=${SPLINEMAP_DEMO:-$top/build/demo}  # set by main, for what it starts
 
 say() { printf '%s\n' "$*" >&2; }
 die() { say "demo: $*"; exit 1; }
@@ -37,26 +41,47 @@ build() {
   cd - > /dev/null
 }
 
-# Leaves the drive as an LCM log and prints its path.
+# Leaves the drive, a simulated one for an empty LOG, as an LCM log, and prints its path.
 prepare_log() {
-  local log=$1
+  local log=$1 name=$2
   if [[ -z $log ]]; then
     splinemap simulate "$out/office.lcmlog" --force
     echo "$out/office.lcmlog"
   elif [[ $(head -c 4 -- "$log" | od -An -tx1 | tr -d ' \n') == eda1da01 ]]; then
     realpath "$log"
   else
-    splinemap import-carmen "$log" "$out/imported.lcmlog" --force ||
+    splinemap import-carmen "$log" "$out/$name.lcmlog" --force ||
       die "$log is neither an LCM log nor a CARMEN log"
-    echo "$out/imported.lcmlog"
+    echo "$out/$name.lcmlog"
   fi
 }
 
-# A speed at which the log takes about 20 s, and at most 1,000 messages come a second.
+# Halves of the simulated drive, which meet at a waypoint.
+simulate_two() {
+  splinemap simulate "$out/office.lcmlog" --world-out "$out/office.world" --force 2> /dev/null
+  local meet=18 k
+  awk -v n=$meet '/^waypoint/ { k++ } k <= n' "$out/office.world" > "$out/robot-1.world"
+  awk -v n=$meet '/^waypoint/ { k++ } k == 0 || k >= n' "$out/office.world" > "$out/robot-2.world"
+  for k in 1 2; do
+    splinemap simulate "$out/robot-$k.world" "$out/drive-$k.lcmlog" --seed $k --force
+  done
+}
+
+# Says in $out/NAME.json what doctor finds in a log.
+inspect() {
+  local log=$1 json=$out/$2.json
+  shift 2
+  splinemap doctor "$log" --json "$@" > "$json" ||
+    [[ -s $json ]] || exit 1  # a log that is damaged is played as far as it goes
+  [[ $(jq -r .problem "$json") == null ]] || die "$(jq -r .problem "$json")"
+}
+
+# A speed at which a log that was inspected takes about 20 s, and at most 1,000 messages come a
+# second.
 choose_speed() {
   jq -r '([.channels[].messages] | add) as $messages
     | ([20, $messages / 1000] | max) as $seconds
-    | [1, .duration_s / $seconds] | max' "$out/log.json"
+    | [1, .duration_s / $seconds] | max' "$out/$1.json"
 }
 
 # A field of the daemon's newest status, 0 where there is none yet.
@@ -120,38 +145,66 @@ play() {
   ((received == messages)) || die "$((messages - received)) of them were lost on the way"
 }
 
-main() {
-  local assume_yes=no log='' argument arguments=()
-  for argument in "$@"; do
-    if [[ $argument == --yes ]]; then assume_yes=yes; else arguments+=("$argument"); fi
+# The part of two robots on the demo's own bus: a daemon for each, which follows the other.
+play_two() {
+  local k daemons=() players=() flags
+  rm -f "$out"/robot-?.splinemap*
+  trap end_what_was_started EXIT
+  trap 'exit 130' INT TERM
+  for k in 1 2; do
+    mapfile -t flags < <(jq -r '.chosen_flags[]' "$out/robot-$k.json")
+    splinemapd --map "$out/robot-$k.splinemap" --name "robot-$k" --follow 'robot-*' "${flags[@]}" \
+      2> "$out/robot-$k.log" &
+    daemons+=($!)
   done
-  set -- "${arguments[@]}"
-  [[ ${1:-} != -h && ${1:-} != --help ]] || { usage; exit 0; }
-  if (($#)) && [[ $1 != -* ]]; then
-    log=$1
-    shift
-    [[ -f $log && -r $log ]] || die "cannot read $log"
-  elif (($#)); then
-    usage >&2
-    exit 2
-  fi
-  mkdir -p "$out"
-  exec 9> "$out/lock"
-  flock --nonblock 9 || die "another demo is running in $out"
-  # shellcheck source=deploy/packages.sh
-  source "$top/deploy/packages.sh"
-  # shellcheck source=deploy/time_taken.sh
-  source "$top/deploy/time_taken.sh"
-  install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" "${DEMO_PACKAGES[@]}"
-  build
-  log=$(prepare_log "$log")
+  for k in 1 2; do
+    splinemap layers --live --robot "robot-$k" --timeout 3 > /dev/null ||
+      { cat "$out/robot-$k.log" >&2; die "the daemon of robot-$k did not start"; }
+  done
+  for k in 1 2; do
+    lcm-logplayer -s "$(choose_speed robot-$k)" "$out/robot-$k.lcmlog" > "$out/logplayer.log" 2>&1 &
+    players+=($!)
+  done
+  for k in 1 2; do
+    wait "${players[k - 1]}" || { cat "$out/logplayer.log" >&2; die "lcm-logplayer failed"; }
+  done
+  sleep 3  # the last scans wait for poses, and then travel to the other robot
+  splinemap layers --live
+  for k in 1 2; do
+    splinemap render --live --robot "robot-$k" "$out/robot-$k.png" --force 2> /dev/null
+  done
+  splinemap render --live "$out/map.png" --force 2> /dev/null
+  for k in 1 2; do
+    kill "${daemons[k - 1]}"
+    wait "${daemons[k - 1]}" || { cat "$out/robot-$k.log" >&2; die "the daemon of robot-$k failed"; }
+    say "robot-$k: $(sed -n 's/.*info \(mapped .*\);.*/\1/p' "$out/robot-$k.log")"
+  done
+}
 
-  splinemap doctor "$log" --json "$@" > "$out/log.json" ||
-    [[ -s $out/log.json ]] || exit 1  # a log that is damaged is played as far as it goes
-  [[ $(jq -r .problem "$out/log.json") == null ]] || die "$(jq -r .problem "$out/log.json")"
-  local chosen speed scans messages
+two_robots() {
+  local logs=("$@") k log
+  if ((!$#)); then
+    simulate_two
+    logs=("$out"/drive-[12].lcmlog)
+  fi
+  for k in 1 2; do
+    log=$(prepare_log "${logs[k - 1]}" "drive-$k")
+    splinemap prefix-channels "$log" "robot-${k}_" "$out/robot-$k.lcmlog" --force 2> /dev/null
+    inspect "$out/robot-$k.lcmlog" "robot-$k"
+  done
+  say "Playing both drives into a daemon each .."
+  "$top/deploy/own_bus.sh" "$0" --play-two
+  splinemap render "$out/robot-1.splinemap"
+  echo "The map of both: $out/map.png; of each: $out/robot-1.png, $out/robot-2.png"
+}
+
+one_robot() {
+  local log chosen speed scans messages
+  log=$(prepare_log "$1" imported)
+  shift
+  inspect "$log" log "$@"
   mapfile -t chosen < <(jq -r '.chosen_flags[]' "$out/log.json")
-  speed=$(choose_speed)
+  speed=$(choose_speed log)
   scans=$(jq '.scans as $s | [.channels[] | select(.name | IN($s[])) | .messages] | add' \
     "$out/log.json")
   messages=$(jq '(.scans + [.pose]) as $c | [.channels[] | select(.name | IN($c[])) | .messages] | add' \
@@ -163,12 +216,48 @@ main() {
   splinemap render "$out/demo.splinemap" "$out/map.png" --force 2> /dev/null
   splinemap info "$out/demo.splinemap"
   echo "The map: $out/map.png (and $out/demo.splinemap)"
+}
+
+main() {
+  local assume_yes=no installed=no demo=one_robot log='' argument arguments=()
+  for argument in "$@"; do
+    case $argument in
+      --yes) assume_yes=yes ;;
+      --installed) installed=yes ;;
+      --two-robots) demo=two_robots ;;
+      *) arguments+=("$argument") ;;
+    esac
+  done
+  set -- "${arguments[@]}"
+  [[ ${1:-} != -h && ${1:-} != --help ]] || { usage; exit 0; }
+  if [[ ${1:-} == -* ]] || { [[ $demo == two_robots ]] && (($# != 0 && $# != 2)); }; then
+    usage >&2
+    exit 2
+  fi
+  for log in "${@:1:$([[ $demo == two_robots ]] && echo 2 || echo 1)}"; do
+    [[ -f $log && -r $log ]] || die "cannot read $log"
+  done
+  [[ $installed == no ]] || out=$PWD/demo
+  export SPLINEMAP_DEMO=$out
+  mkdir -p "$out"
+  exec 9> "$out/lock"
+  flock --nonblock 9 || die "another demo is running in $out"
+  # shellcheck source=deploy/time_taken.sh
+  source "$top/deploy/time_taken.sh"
+  if [[ $installed == no ]]; then
+    # shellcheck source=deploy/packages.sh
+    source "$top/deploy/packages.sh"
+    install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" "${DEMO_PACKAGES[@]}"
+    build
+    PATH=$top/build/release/clients/splinemap:$top/build/release/services/splinemapd:$PATH
+  fi
+  if [[ $demo == one_robot ]] && (($# == 0)); then set -- ''; fi
+  "$demo" "$@"
   print_time_taken deploy/demo.sh
 }
 
-if [[ ${1:-} == --play ]]; then
-  shift
-  play "$@"
-else
-  main "$@"
-fi
+case ${1:-} in
+  --play) shift; play "$@" ;;
+  --play-two) play_two ;;
+  *) main "$@" ;;
+esac

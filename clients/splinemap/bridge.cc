@@ -1,10 +1,12 @@
 #include <CLI/App.hpp>
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <memory>
 #include <optional>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "clients/splinemap/bus_flags.h"
 #include "clients/splinemap/commands.h"
@@ -12,10 +14,13 @@
 #include "clients/splinemap/print.h"
 #include "clients/splinemap/region_flag.h"
 #include "lcmtypes/michigan/occupancy_grid_t.hpp"
+#include "lib/base/mutex.h"
 #include "lib/base/status.h"
+#include "lib/render/map_parts.h"
 #include "lib/render/pixel_grid.h"
 #include "lib/wire/lcm_bus.h"
 #include "splinemap/local_map.h"
+#include "splinemap/region.h"
 #include "splinemap/replica.h"
 
 namespace splinemap {
@@ -32,7 +37,8 @@ struct BridgeFlags {
   std::optional<double> resolution_m;
 };
 
-constexpr double kMaxCells = 4e6;           // one byte each in a message
+constexpr int kMaxSide = 2000;
+constexpr double kMaxCells = double{kMaxSide} * kMaxSide;  // one byte each in a message
 constexpr int kManyCells = 100'000;         // LCM begins to lose messages of this size
 constexpr std::chrono::seconds kRepeat(5);  // for late subscribers
 constexpr milliseconds kTick(10);
@@ -77,8 +83,8 @@ absl::StatusOr<CellGrid> GridOf(const MapView& map, const std::optional<Region>&
   const double cells = double{1} * grid.width * grid.height;
   if (cells > kMaxCells) {
     return FailedPrecondition(
-        "a message of {} x {} cells is too large for LCM, which takes {:g}; make it smaller with "
-        "--region, or with --resolution greater than {} m",
+        "a message of {} x {} cells is too large for LCM, which takes {:g}; make --region smaller, "
+        "or --resolution greater than {} m",
         grid.width, grid.height, kMaxCells, cell_m);
   }
   return grid;
@@ -118,44 +124,133 @@ absl::StatusOr<michigan::occupancy_grid_t> GridMessage(const QueryableMap& map,
   return message;
 }
 
-// Runs until a signal ends it, or the map is too large.
+// The part of the map to publish. Thread-safe.
+class PublishedPart {
+ public:
+  void HasChanged(const Region& region) {
+    MutexLock lock(mutex_);
+    newest_change_ = region;
+    is_changed_ = true;
+  }
+  // Since the last call.
+  bool TakeChange() {
+    MutexLock lock(mutex_);
+    return std::exchange(is_changed_, false);
+  }
+
+  // Nothing where a message has room for all cells; else what the map has in a square of as many as
+  // it takes. The square stays until a change lies out of it, and begins with the largest part.
+  std::optional<Region> Of(const MapView& map, double cell_m) {
+    MutexLock lock(mutex_);
+    const double knot_m = map.options.knot_interval_m;
+    const std::vector<MapPart> parts = PartsOf(map);
+    const Region whole = RegionOf(BoxOf(parts), knot_m);
+    if ((whole.x1_m - whole.x0_m) * (whole.y1_m - whole.y0_m) <= kMaxCells * cell_m * cell_m) {
+      square_.reset();
+      return std::nullopt;
+    }
+    const double side_m = (kMaxSide - 2) * cell_m;
+    const double change_m = std::max(newest_change_.x1_m - newest_change_.x0_m,
+                                     newest_change_.y1_m - newest_change_.y0_m);
+    if (change_m < side_m && !(square_ && Contains(*square_, newest_change_))) {
+      square_ = SquareAround(newest_change_, side_m);
+    }
+    std::optional<Region> mapped = square_ ? MappedIn(*square_, map) : std::nullopt;
+    if (!mapped) {
+      square_ = SquareAround(RegionOf(parts[0].box, knot_m), side_m);
+      mapped = MappedIn(*square_, map);
+    }
+    return mapped;
+  }
+
+ private:
+  static Region SquareAround(const Region& region, double side_m) {
+    const double x_m = (region.x0_m + region.x1_m) / 2;
+    const double y_m = (region.y0_m + region.y1_m) / 2;
+    return {x_m - side_m / 2, y_m - side_m / 2, x_m + side_m / 2, y_m + side_m / 2};
+  }
+  static std::optional<Region> MappedIn(const Region& square, const MapView& map) {
+    const double knot_m = map.options.knot_interval_m;
+    const TileBox in_square = TilesOf(square, knot_m);
+    TileBox box;
+    map.tiles.ForEach([&](TileKey key, const TileTree::Entry&) {
+      if (in_square.Contains(key)) box.Add(key);
+    });
+    if (box.IsEmpty()) return std::nullopt;
+    const Region mapped = RegionOf(box, knot_m);
+    return Region{std::max(mapped.x0_m, square.x0_m), std::max(mapped.y0_m, square.y0_m),
+                  std::min(mapped.x1_m, square.x1_m), std::min(mapped.y1_m, square.y1_m)};
+  }
+  static bool Contains(const Region& region, const Region& other) {
+    return region.x0_m <= other.x0_m && other.x1_m <= region.x1_m && region.y0_m <= other.y0_m &&
+           other.y1_m <= region.y1_m;
+  }
+
+  Mutex mutex_;
+  Region newest_change_ ABSL_GUARDED_BY(mutex_);
+  bool is_changed_ ABSL_GUARDED_BY(mutex_) = false;
+  std::optional<Region> square_ ABSL_GUARDED_BY(mutex_);
+};
+
+// Says once what people may not expect of the messages.
+class BridgeNotes {
+ public:
+  void Note(const std::string& channel, const CellGrid& grid, bool is_part) {
+    if (!std::exchange(has_begun_, true)) {
+      PrintLine(stderr, "{}: {} x {} cells of {} m", channel, grid.width, grid.height, grid.cell_m);
+    }
+    if (is_part && !std::exchange(has_noted_part_, true)) {
+      PrintLine(stderr,
+                "{}: the map has more cells than the {:g} that a message takes; what lies within "
+                "{:g} m of the newest change is published. --region chooses another part, "
+                "--resolution makes the cells larger",
+                channel, kMaxCells, kMaxSide / 2 * grid.cell_m);
+    }
+    const int cells = grid.width * grid.height;
+    if (cells > kManyCells && !std::exchange(has_noted_size_, true)) {
+      PrintLine(
+          stderr,
+          "{}: LCM over UDP loses some messages of {} kB; recv_buf_size= in the URL of receivers "
+          "makes that rarer, --resolution and --region make the messages smaller",
+          channel, cells / 1000);
+    }
+  }
+
+ private:
+  bool has_begun_ = false;
+  bool has_noted_part_ = false;
+  bool has_noted_size_ = false;
+};
+
+// Runs until a signal ends it, or --region is too large.
 absl::StatusOr<int> BridgeOccupancyGrid(BridgeFlags flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(flags.follow.region, ParseRegion(flags.region));
   SPLINEMAP_ASSIGN_OR_RETURN(const std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.bus.lcm_url));
   flags.follow.channel_prefix = flags.bus.channel_prefix;
-  std::atomic<bool> is_changed = false;
+  PublishedPart part;
   SPLINEMAP_ASSIGN_OR_RETURN(
       const auto replica,
       MapReplica::Follow(flags.bus.lcm_url, flags.follow,
-                         [&](const MapView&, const Region&) { is_changed = true; }));
+                         [&](const MapView&, const Region& changed) { part.HasChanged(changed); }));
   const auto interval = std::chrono::duration<double>(1 / flags.rate_hz);
   std::optional<Clock::time_point> last_publish;
-  bool has_warned = false;
+  BridgeNotes notes;
   while (true) {
     bus->Handle(kTick);
     if (const auto news = bus->DrainNews()) PrintLine(stderr, "{}", *news);
     const Clock::time_point now = Clock::now();
     if (last_publish && now - *last_publish < interval) continue;
     const bool repeats = last_publish && now - *last_publish >= kRepeat;
-    if (!is_changed.exchange(false) && !repeats) continue;
+    if (!part.TakeChange() && !repeats) continue;
     const std::shared_ptr<const MapView> map = replica->View();
-    const absl::StatusOr<CellGrid> grid = GridOf(
-        *map, flags.follow.region, flags.resolution_m.value_or(map->options.knot_interval_m));
-    SPLINEMAP_RETURN_IF_ERROR(grid.status());
-    SPLINEMAP_ASSIGN_OR_RETURN(const auto message, GridMessage(LocalMap(map), *grid));
+    if (map->tiles.size() == 0) continue;  // its layers were removed, say
+    const double cell_m = flags.resolution_m.value_or(map->options.knot_interval_m);
+    const std::optional<Region> region =
+        flags.follow.region ? flags.follow.region : part.Of(*map, cell_m);
+    SPLINEMAP_ASSIGN_OR_RETURN(const CellGrid grid, GridOf(*map, region, cell_m));
+    SPLINEMAP_ASSIGN_OR_RETURN(const auto message, GridMessage(LocalMap(map), grid));
     bus->Publish(flags.channel, message);
-    if (!last_publish) {
-      PrintLine(stderr, "{}: {} x {} cells of {} m", flags.channel, grid->width, grid->height,
-                grid->cell_m);
-    }
-    if (message.num_cells > kManyCells && !has_warned) {
-      has_warned = true;
-      PrintLine(
-          stderr,
-          "{}: LCM over UDP loses some messages of {} kB; recv_buf_size= in the URL of receivers "
-          "makes that rarer, --resolution and --region make the messages smaller",
-          flags.channel, message.num_cells / 1000);
-    }
+    notes.Note(flags.channel, grid, region && !flags.follow.region);
     last_publish = now;
   }
 }
@@ -171,7 +266,8 @@ change, at most --rate-hz times a second, and every 5 s. A cell is 12.7 times th
 fills -127 .. 127 at the default clamps: positive is occupied, negative free, 0 unknown. Known cells
 that would round to 0 are 1 or -1. A cell larger than the knot interval has the greatest log-odds
 within, so that thin walls stay. The origin is the lower left corner of the first cell; utime is the
-time of publication. The command ends with status 1 when the map has more than 4 million cells.)";
+time of publication. Of a map of more than 4 million cells it publishes what lies in 2000 x 2000
+around the newest change.)";
 
 }  // namespace
 

@@ -63,7 +63,7 @@ absl::StatusOr<int> Crop(const CropFlags& flags) {
   }
   if (after == 0) {
     return FailedPrecondition(
-        "no tile of {} lies in the region; splinemap info says where they are", flags.map);
+        "no tile of {} lies in the region; splinemap layers says where they are", flags.map);
   }
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(cropped, flags.output.path));
   PrintLine(stderr, "kept {} of {} tiles in {}", after, before, flags.output.path);

@@ -1,4 +1,5 @@
 #include <CLI/App.hpp>
+#include <cmath>
 #include <cstdio>
 #include <map>
 #include <memory>
@@ -30,39 +31,80 @@ struct LayerFlags {
   bool accepts_corrupt = false;
 };
 
+// A shift along one axis as it is typed: knot intervals, or metres.
+struct TypedShift {
+  std::string text;
+  double number = 0;
+  bool is_in_metres = false;
+};
+
 // What the positionals after the map are.
 struct LayerArguments {
   std::vector<std::string> layers;
-  KnotShift shift;  // of kShift
+  TypedShift x, y;  // of kShift
 };
+
+absl::StatusOr<TypedShift> ParseShift(const std::string& text) {
+  TypedShift shift{text, 0, text.ends_with('m')};
+  const std::string number = text.substr(0, text.size() - (shift.is_in_metres ? 1 : 0));
+  if (!absl::SimpleAtod(number, &shift.number) || !std::isfinite(shift.number)) {
+    return InvalidArgument(
+        "{} is no shift; give X and Y in knot intervals, 40 -2, or in metres, 2m -0.1m", text);
+  }
+  return shift;
+}
 
 absl::StatusOr<LayerArguments> ParseArguments(const LayerFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto words, ArgumentsAfterMap(flags.source));
-  LayerArguments arguments{{words.begin(), words.end()}, {}};
+  LayerArguments arguments{{words.begin(), words.end()}, {}, {}};
   if (flags.command == LayerCommand::kShift) {
     std::vector<std::string>& layers = arguments.layers;
-    const size_t size = layers.size();
-    if (size < 3 || !absl::SimpleAtoi(layers[size - 2], &arguments.shift.i) ||
-        !absl::SimpleAtoi(layers[size - 1], &arguments.shift.j)) {
-      return InvalidArgument("give the layer, then whole knot intervals along x and y");
+    if (layers.size() < 3) {
+      return InvalidArgument(
+          "give the layer, then X and Y in knot intervals, 40 -2, or in metres, 2m -0.1m");
     }
-    layers.resize(size - 2);
+    SPLINEMAP_ASSIGN_OR_RETURN(arguments.y, ParseShift(layers.back()));
+    layers.pop_back();
+    SPLINEMAP_ASSIGN_OR_RETURN(arguments.x, ParseShift(layers.back()));
+    layers.pop_back();
   }
   if (arguments.layers.empty()) return InvalidArgument("give the layer to change");
   return arguments;
 }
 
-absl::Status Change(const LayerFlags& flags, const LayerArguments& arguments, const LayerId& id,
-                    LayerSet& set) {
+// In whole knot intervals.
+absl::StatusOr<int32_t> KnotsOf(const TypedShift& shift, double knot_m) {
+  constexpr double kRounding = 1e-3;  // of a knot interval
+  const double knots = shift.is_in_metres ? shift.number / knot_m : shift.number;
+  if (!(std::abs(knots) <= KnotShift::kMax)) {
+    return InvalidArgument("a layer can be shifted by {} knots at most", KnotShift::kMax);
+  }
+  if (std::abs(knots - std::round(knots)) > kRounding) {
+    const std::string of = shift.is_in_metres ? fmt::format(" of {} m", knot_m) : "";
+    const auto typed = [&](double whole) {
+      return shift.is_in_metres ? fmt::format("{:.12g}m", whole * knot_m)
+                                : fmt::format("{}", whole);
+    };
+    return InvalidArgument("{} is no whole number of knot intervals{}; {} and {} are", shift.text,
+                           of, typed(std::floor(knots)), typed(std::ceil(knots)));
+  }
+  return static_cast<int32_t>(std::lround(knots));
+}
+
+absl::StatusOr<KnotShift> ShiftOf(const LayerArguments& arguments, double knot_m) {
+  KnotShift shift;
+  SPLINEMAP_ASSIGN_OR_RETURN(shift.i, KnotsOf(arguments.x, knot_m));
+  SPLINEMAP_ASSIGN_OR_RETURN(shift.j, KnotsOf(arguments.y, knot_m));
+  return shift;
+}
+
+absl::Status Change(LayerCommand command, KnotShift shift, const LayerId& id, LayerSet& set) {
   LayerSettings settings = set.settings.Next(id, RandomId());
-  if (flags.command == LayerCommand::kRemove) {
+  if (command == LayerCommand::kRemove) {
     SPLINEMAP_ASSIGN_OR_RETURN(set, WithoutLayers(set, {id}, RandomId()));
     return absl::OkStatus();
   }
-  Apply(flags.command, arguments.shift, set.Find(id)->session, settings);
-  if (!settings.IsValid()) {
-    return InvalidArgument("a layer can be shifted by {} knots at most", KnotShift::kMax);
-  }
+  Apply(command, shift, set.Find(id)->session, settings);
   if (!set.settings.Merge(id, settings)) {
     return FailedPrecondition("the map has no room for settings of another layer");
   }
@@ -74,6 +116,8 @@ absl::StatusOr<int> ChangeFile(const LayerFlags& flags, const LayerArguments& ar
   if (flags.output.path.empty()) return InvalidArgument("give the map file to write with --out");
   SPLINEMAP_RETURN_IF_ERROR(CheckMapOutput(flags.output, {map}));
   SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadInput(map, flags.accepts_corrupt));
+  SPLINEMAP_ASSIGN_OR_RETURN(const KnotShift shift,
+                             ShiftOf(arguments, loaded.set.options.knot_interval_m));
   std::vector<LayerId> candidates;
   for (const LayerSnapshot& layer : loaded.set.layers) candidates.push_back(layer.id);
   std::vector<LayerId> found;
@@ -81,7 +125,7 @@ absl::StatusOr<int> ChangeFile(const LayerFlags& flags, const LayerArguments& ar
     SPLINEMAP_ASSIGN_OR_RETURN(found.emplace_back(), FindLayer(candidates, text, map));
   }
   for (const LayerId& id : found) {
-    SPLINEMAP_RETURN_IF_ERROR(Change(flags, arguments, id, loaded.set));
+    SPLINEMAP_RETURN_IF_ERROR(Change(flags.command, shift, id, loaded.set));
     PrintLine(stderr, "{} {}", NameOf(flags.command), NameOf(id));
   }
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(loaded.set, flags.output.path));
@@ -126,13 +170,17 @@ absl::StatusOr<int> ChangeLive(const LayerFlags& flags, const LayerArguments& ar
   for (int n = 0; n < 3 && !layers.ok(); ++n) layers = ReceiveNamedLayers(flags, arguments);
   SPLINEMAP_RETURN_IF_ERROR(layers.status());
   for (const LiveLayer& layer : *layers) {
+    double knot_m = 1;
+    if (arguments.x.is_in_metres || arguments.y.is_in_metres) {
+      SPLINEMAP_ASSIGN_OR_RETURN(knot_m, ReceiveKnotInterval(flags.source.bus, layer.id));
+    }
+    SPLINEMAP_ASSIGN_OR_RETURN(const KnotShift shift, ShiftOf(arguments, knot_m));
     ClientOptions options;
     options.channel_prefix = flags.source.bus.channel_prefix;
     options.robot = layer.daemon;
     SPLINEMAP_ASSIGN_OR_RETURN(const auto client,
                                MapClient::Connect(flags.source.bus.lcm_url, options));
-    SPLINEMAP_RETURN_IF_ERROR(
-        client->Set({flags.command, layer.id, layer.session_number, arguments.shift}));
+    SPLINEMAP_RETURN_IF_ERROR(client->Set({flags.command, layer.id, layer.session_number, shift}));
     PrintLine(stderr, "{} {}: saved by the daemon of {}; the others follow within 2 s",
               NameOf(flags.command), NameOf(layer.id), layer.daemon);
   }
@@ -148,6 +196,7 @@ constexpr const char* kLayerExamples = R"(
 Examples:
   splinemap layer mute --live robot-3
   splinemap layer shift --live robot-3 40 -2       40 knots along x, -2 along y, from its frame
+  splinemap layer shift --live robot-3 2m -0.1m    the same in metres, at a knot interval of 0.05 m
   splinemap layer low-weight --live robot-3@5f20   counts less than the others
   splinemap layer remove fleet.splinemap robot-3 robot-4 --out without.splinemap
 
@@ -169,8 +218,9 @@ void AddLayerCommand(CLI::App& parent, const LayerCommandText& text, Command& ch
   const bool is_shift = text.command == LayerCommand::kShift;
   CLI::App* command = parent.add_subcommand(text.name, text.what);
   command->footer(fmt::format(kLayerCommandExamples, text.name, is_shift ? " 40 -2" : ""));
-  AddMapSource(*command, is_shift ? "MAP LAYER I J" : "MAP LAYER",
-               is_shift ? "the layer, and knot intervals along x and y" : "the layer, or several",
+  AddMapSource(*command, is_shift ? "MAP LAYER X Y" : "MAP LAYER",
+               is_shift ? "the layer, and knot intervals, or metres (2m), along x and y"
+                        : "the layer, or several",
                flags->source);
   AddOutOption(*command, "Map file to write; required with MAP", flags->output)
       ->excludes(command->get_option("--live"));

@@ -100,6 +100,8 @@ int Main(int argc, char** argv) {
   AddBridge(app, chosen);
   AddSimulate(app, chosen);
   AddImportCarmen(app, chosen);
+  AddImportRos(app, chosen);
+  AddPrefixChannels(app, chosen);
   const std::vector<std::string> arguments = ArgumentsOf(argc, argv);
   if (const std::string problem = ProblemOfCommand(app, arguments); !problem.empty()) {
     PrintLine(stderr, "splinemap: {}; splinemap --help lists the commands", problem);

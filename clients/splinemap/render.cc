@@ -1,7 +1,9 @@
 #include <CLI/App.hpp>
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <memory>
+#include <vector>
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
@@ -11,7 +13,9 @@
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/map/contradictions.h"
+#include "lib/render/map_parts.h"
 #include "lib/render/raster.h"
+#include "splinemap/region.h"
 
 namespace splinemap {
 namespace {
@@ -36,6 +40,36 @@ void MarkContradictions(const MapViewSource& source, Raster& raster) {
                       });
   PrintLine(stderr, "{} control points are obstacles of one layer where the others saw free space",
             points);
+}
+
+std::string TextOf(const Region& region) {
+  return fmt::format("{:.0f},{:.0f},{:.0f},{:.0f}", std::floor(region.x0_m),
+                     std::floor(region.y0_m), std::ceil(region.x1_m), std::ceil(region.y1_m));
+}
+
+// Parts that are far apart become dots, or make the picture too large. Says where they lie.
+void ReportParts(const MapSourceFlags& source, const MapView& map) {
+  constexpr size_t kMaxLines = 5;
+  constexpr int kFar = 10;  // the picture has so many times the side of its largest part
+  const std::vector<MapPart> parts = PartsOf(map);
+  const auto side = [](const TileBox& box) {
+    return std::max(box.tx1 - box.tx0, box.ty1 - box.ty0);
+  };
+  if (parts.size() < 2 || side(BoxOf(parts)) < kFar * side(parts[0].box)) return;
+  PrintLine(stderr, "the map has {} parts that are far apart:", parts.size());
+  for (size_t k = 0; k < std::min(parts.size(), kMaxLines); ++k) {
+    PrintLine(stderr, "  {} tiles in {}", parts[k].tiles,
+              TextOf(RegionOf(parts[k].box, map.options.knot_interval_m)));
+  }
+  if (parts.size() > kMaxLines) PrintLine(stderr, "  and {} more", parts.size() - kMaxLines);
+  const std::string region = TextOf(RegionOf(parts[0].box, map.options.knot_interval_m));
+  if (source.live) {
+    PrintLine(stderr, "one is drawn by splinemap export --live BASE --format png --region {}",
+              region);
+  } else {
+    PrintLine(stderr, "one is kept by splinemap crop {} OUT --region {}", source.arguments.front(),
+              region);
+  }
 }
 
 absl::Status WritePicture(const RenderFlags& flags, const MapViewSource& source) {
@@ -69,6 +103,7 @@ absl::StatusOr<int> Render(RenderFlags flags) {
     SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.output, MapFilesOf(flags.source)));
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const MapViewSource source, OpenMapView(flags.source));
+  ReportParts(flags.source, *source.map);
   if (is_preview) {
     constexpr int kOtherRows = 4;
     SPLINEMAP_ASSIGN_OR_RETURN(const std::string preview, Preview(*source.map, kOtherRows));

@@ -88,10 +88,6 @@ absl::Status WriteScalePng(const MapView& map, const PixelGrid& grid, NewFile& f
   return absl::OkStatus();
 }
 
-const char* ModeName(RosMode mode) {
-  return mode == RosMode::kTrinary ? "trinary" : mode == RosMode::kScale ? "scale" : "raw";
-}
-
 // A plain scalar where that is safe, as other writers do, else in double quotes.
 absl::StatusOr<std::string> YamlString(const std::string& text) {
   const auto is_plain = [](char c) {
@@ -112,6 +108,10 @@ absl::StatusOr<std::string> YamlString(const std::string& text) {
 
 }  // namespace
 
+const char* NameOf(RosMode mode) {
+  return mode == RosMode::kTrinary ? "trinary" : mode == RosMode::kScale ? "scale" : "raw";
+}
+
 std::string RosImageExtension(RosMode mode) { return mode == RosMode::kScale ? ".png" : ".pgm"; }
 
 absl::Status WriteRosImage(const MapView& map, const PixelGrid& grid, RosMode mode, NewFile& file) {
@@ -126,7 +126,7 @@ absl::StatusOr<std::string> RosYaml(const PixelGrid& grid, RosMode mode, const s
   return fmt::format(
       "image: {}\nmode: {}\nresolution: {:#}\norigin: [{:#}, {:#}, 0.0]\nnegate: 0\n"
       "occupied_thresh: {}\nfree_thresh: {}\n",
-      image_name, ModeName(mode), grid.pixel_m, grid.left_m, grid.bottom_m(), thresholds.occupied,
+      image_name, NameOf(mode), grid.pixel_m, grid.left_m, grid.bottom_m(), thresholds.occupied,
       thresholds.free);
 }
 

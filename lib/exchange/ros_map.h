@@ -22,6 +22,9 @@ enum class RosMode {
   kRaw,
 };
 
+// As the .yaml says it.
+const char* NameOf(RosMode mode);
+
 // With the dot.
 std::string RosImageExtension(RosMode mode);
 

@@ -125,6 +125,11 @@ expect_text "saved by the daemon of robot" err
 expect 0 splinemap query --live -1.0 -1.5 --json
 [[ $(jq .known out) == 0 ]] || fail "muted, and yet: $(cat out)"
 expect 0 splinemap layer unmute --live robot
+expect 0 splinemap layer shift --live robot 0.1m -0.05m
+[[ $(splinemap layers --live --json | jq -c '.[0].layers[0].shift_knots') == '[2,-1]' ]] || fail "not shifted"
+expect 2 splinemap layer shift --live robot 0.12m 0
+expect_text "0.12m is no whole number of knot intervals of 0.05 m; 0.1m and 0.15m are" err
+expect 0 splinemap layer shift --live robot 0 0
 same 0 query -1.0 -1.5
 
 # Rasters

@@ -16,16 +16,21 @@ cat > compare.py << 'EOT'
 import csv, struct, sys
 from michigan.occupancy_grid_t import occupancy_grid_t
 
-data, at, last, count = open(sys.argv[1], "rb").read(), 0, {}, {}
-while at + 28 <= len(data):
-    name_size, size = struct.unpack_from(">II", data, at + 20)
-    if at + 28 + name_size + size > len(data):
-        break  # it is being written
-    name = data[at + 28:at + 28 + name_size].decode()
-    last[name] = data[at + 28 + name_size:at + 28 + name_size + size]
-    count[name] = count.get(name, 0) + 1
-    at += 28 + name_size + size
+count = {}
 
+def messages(log):
+    data, at, last = open(log, "rb").read(), 0, {}
+    while at + 28 <= len(data):
+        name_size, size = struct.unpack_from(">II", data, at + 20)
+        if at + 28 + name_size + size > len(data):
+            break  # it is being written
+        name = data[at + 28:at + 28 + name_size].decode()
+        last[name] = data[at + 28 + name_size:at + 28 + name_size + size]
+        count[name] = count.get(name, 0) + 1
+        at += 28 + name_size + size
+    return last
+
+last = messages(sys.argv[1]) if len(sys.argv) > 1 else {}
 for argument in sys.argv[2:]:
     channel, table, samples = argument.split("=")
     assert last[channel][:8].hex() == "d5447e494a66cc92", "not the type that others know"
@@ -79,18 +84,44 @@ expect 0 splinemap export whole.splinemap part --format csv --region 1,2,11,9
 compare=(python3 compare.py recorded.lcmlog SLAM_MAP=whole.csv=1 PART=part.csv=1 COARSE=whole.csv=3)
 await "${compare[@]}"
 
-# Beyond 4 million cells it ends with a hint.
-expect 1 timeout 20 splinemap bridge occupancy-grid --channel FINE --resolution 0.004
-expect_text "--region, or with --resolution greater than 0.004 m" err
+# A region of more than 4 million cells ends it with a hint.
+expect 1 timeout 20 splinemap bridge occupancy-grid --channel FINE --region=0,0,20,13 --resolution 0.004
+expect_text "make --region smaller, or --resolution greater than 0.004 m" err
 kill -0 "$whole" || fail "the bridge ended: $(cat whole.log)"
 grep -q "loses some messages of" whole.log || fail "silent about the size: $(cat whole.log)"
 [[ $(grep -c "loses some" whole.log) == 1 ]] || fail "said again: $(cat whole.log)"
 ! grep -q "loses some" part.log coarse.log || fail "said of small messages"
 kill -INT "$logger"
 wait "$logger" || true
-kill -INT "$daemon"
-wait "$daemon" || fail "the daemon: $(cat daemon.log)"
-
 expect 0 "${compare[@]}"
 cat out
 ! grep -q NOBODY recorded.lcmlog || fail "a map of nobody"
+
+# A map of so many does not, here one with a scan that is far away: the rest is published.
+cat > far.world << 'EOF'
+wall { x0_m: 20002 y0_m: 19990 x1_m: 20002 y1_m: 20010 } waypoint { x_m: 20000 y_m: 20000 }
+EOF
+expect 0 splinemap simulate far.world far.lcmlog
+expect 0 splinemap build far.lcmlog far.splinemap --name far
+splinemapd --map far.splinemap --no-sensors --name base 2> far.log &
+far=$!
+await grep -q "SLAM_MAP: the map has more cells than the 4e+06 that a message takes" whole.log
+lcm-logplayer -s 20 office.lcmlog > /dev/null  # the robot maps on
+lcm-logger --quiet --force after.lcmlog &
+after=$!
+covers_office() {
+  python3 - << 'EOT'
+from compare import messages
+from michigan.occupancy_grid_t import occupancy_grid_t
+
+grid = occupancy_grid_t.decode(messages("after.lcmlog")["SLAM_MAP"])
+assert -5 < grid.origin_x < 0 and 24 < grid.origin_x + grid.width * grid.meters_per_cell < 30
+assert sum(cell != 0 for cell in grid.cells) > 100_000
+EOT
+}
+await covers_office
+kill -INT "$after" "$far"
+wait "$after" "$far" || true
+[[ $(grep -c "more cells than" whole.log) == 1 ]] || fail "said again: $(cat whole.log)"
+kill -INT "$daemon"
+wait "$daemon" || fail "the daemon: $(cat daemon.log)"

@@ -19,6 +19,8 @@ cmp room.lcmlog again.lcmlog || fail "the same world and seed make the same log"
 expect 2 splinemap simulate room.world again.lcmlog
 expect_text "--force" err
 expect 0 splinemap simulate room.world again.lcmlog --force
+expect 0 splinemap simulate --help
+expect_text "splinemap simulate [OPTIONS] [WORLD] OUT" out
 expect 2 splinemap build room.lcmlog /dev/null --force
 expect 2 splinemap build room.lcmlog no/such/folder
 expect 1 splinemap doctor room.lcmlog --pose NOPE
@@ -248,6 +250,9 @@ expect_text "--pose POSE" err
 expect 0 splinemap doctor two.lcmlog --json  # the poses that are not as sparse
 [[ $(jq -c .chosen_flags out) == '["--scan","LASER","--pose","POSE"]' ]] || fail "doctor: $(cat out)"
 [[ $(jq '[.trials[].scans_compared] | unique | length' out) == 1 ]] || fail "the same scans: $(cat out)"
+# What may be repeated takes one value each time: what follows is a file.
+expect 1 splinemap snapshot --robot one --robot two x.splinemap --lcm-url memq:// --timeout 0.1
+expect_text "no map was received" err
 expect 2 splinemap doctor
 expect 2 splinemap doctor two.lcmlog --live
 expect 2 splinemap doctor two.lcmlog --scan LASER,mask=foo
@@ -270,6 +275,32 @@ cmp small.lcmlog small_gz.lcmlog || fail "gz differs"
 expect 0 splinemap build small.lcmlog small.splinemap
 expect_text "mapped 3 of 3 scans" err
 
+# prefix-channels
+expect 0 splinemap prefix-channels room.lcmlog one_ one.lcmlog
+expect 0 splinemap doctor one.lcmlog
+expect_text "map it with: --scan one_LASER --pose one_POSE" out
+expect 0 splinemap build one.lcmlog one.splinemap --name robot
+expect 0 splinemap diff one.splinemap room.splinemap
+expect 2 splinemap prefix-channels room.lcmlog "$(printf 'x%.0s' {1..60})" x.lcmlog
+expect_text "LCM has room for 63 bytes" err
+expect 2 splinemap prefix-channels room.world one_ x.lcmlog
+
+# render of parts that are far apart
+cat > far.world << 'EOF'
+wall { x0_m: 5002 y0_m: -2 x1_m: 5002 y1_m: 2 } waypoint { x_m: 5000 }
+EOF
+expect 0 splinemap simulate far.world far.lcmlog
+expect 0 splinemap build far.lcmlog far.splinemap --name far
+expect 0 splinemap merge room.splinemap far.splinemap --out parts.splinemap
+expect 0 splinemap render parts.splinemap
+expect_text "the map has 2 parts that are far apart:" err
+expect_text "  16 tiles in -4,-4,4,4" err
+expect 1 splinemap crop parts.splinemap x.splinemap --region 100,100,101,101
+expect_text "splinemap layers says where they are" err
+expect 0 bash -c "$(sed -n 's/^one is kept by \(.*\) OUT \(.*\)/\1 near.splinemap \2/p' err)"
+expect 0 splinemap render room.splinemap
+[[ ! -s err ]] || fail "one part: $(cat err)"
+
 # errors
 expect 2 splinemap
 expect 2 splinemap frobnicate
@@ -281,7 +312,7 @@ subcommands() {
   splinemap "$@" --help | awk '/^Subcommands:/ { inside = 1; next } NF == 0 { inside = 0 } inside { print $1 }'
 }
 mapfile -t commands < <(subcommands)
-((${#commands[@]} == 24)) || fail "commands: ${commands[*]}"
+((${#commands[@]} == 26)) || fail "commands: ${commands[*]}"
 mapfile -t settings < <(subcommands layer | sed 's/^/layer /')
 ((${#settings[@]} == 6)) || fail "commands of layer: ${settings[*]}"
 live=()
@@ -319,7 +350,7 @@ done
 [[ ${live[*]} == "render export query ray check distance raster layers ${settings[*]}" ]] ||
   fail "take --live: ${live[*]}"
 [[ ${json[*]} == "info query ray check distance diff layers doctor watch" ]] || fail "print JSON: ${json[*]}"
-[[ ${force[*]} == "build render export raster merge flatten backup crop snapshot simulate import-carmen ${settings[*]}" ]] ||
+[[ ${force[*]} == "build render export raster merge flatten backup crop snapshot simulate import-carmen import-ros prefix-channels ${settings[*]}" ]] ||
   fail "write files: ${force[*]}"
 expect 2 splinemap control mute robot
 expect 2 splinemap remove room.splinemap robot -o x.splinemap

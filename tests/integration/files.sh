@@ -59,6 +59,70 @@ sed '7s/ 0 0 0 0 .*//; 9s/ 1.5 / x /' whole.log > broken.log
 expect 0 splinemap import-carmen broken.log broken.lcmlog
 expect_text "2 lines could not be read and were skipped, the first is line 7" err
 
+# --- maps of map_server
+expect 0 splinemap export office.splinemap lab --format ros
+expect 0 splinemap import-ros lab.yaml lab.splinemap --name lab
+expect_text "485 x 265 cells of 0.05 m" err
+expect 0 splinemap export lab.splinemap again --format ros
+cmp <(tail -n +2 lab.yaml) <(tail -n +2 again.yaml) || fail "another grid: $(cat again.yaml)"
+# kept VALUE: the share of pixels of that value that came back, in 1/1000.
+kept() {
+  paste <(tail -n +4 lab.pgm | od -An -v -w1 -tu1) <(tail -n +4 again.pgm | od -An -v -w1 -tu1) |
+    awk -v value="$1" '$1 == value { all++; same += $2 == value } END { print int(1000 * same / all) }'
+}
+(($(kept 0) >= 998 && $(kept 254) >= 996 && $(kept 205) == 1000)) ||
+  fail "of occupied, free and unknown pixels came back: $(kept 0), $(kept 254), $(kept 205)"
+# A map of yesterday: one wall is gone since then, a new one is there. A robot that maps on corrects it.
+cat > room.world << 'EOF'
+wall { x0_m: -4 y0_m: -4 x1_m: 4 y1_m: -4 } wall { x0_m: 4 y0_m: -4 x1_m: 4 y1_m: 4 }
+wall { x0_m: 4 y0_m: 4 x1_m: -4 y1_m: 4 } wall { x0_m: -4 y0_m: 4 x1_m: -4 y1_m: -4 }
+EOF
+sed '$a wall { x0_m: 2 y0_m: -1 x1_m: 2 y1_m: 1 } waypoint { x_m: 3 } waypoint { x_m: 0 } waypoint { x_m: -3 }' \
+  room.world > yesterday.world
+sed '$a wall { x0_m: -2 y0_m: -1 x1_m: -2 y1_m: 1 } waypoint { y_m: 1 } waypoint { y_m: -1 }' \
+  room.world > today.world
+for day in yesterday today; do
+  expect 0 splinemap simulate $day.world $day.lcmlog
+  expect 0 splinemap build $day.lcmlog $day.splinemap --name robot
+done
+expect 0 splinemap export yesterday.splinemap yesterday --format ros
+expect 0 splinemap import-ros yesterday.yaml imported.splinemap
+expect 0 splinemap merge imported.splinemap today.splinemap -o corrected.splinemap
+# value MAP X Y: log-odds there, in whole numbers.
+value() { splinemap query "$@" | tail -n 1 | awk -F, '{ print int($3) }'; }
+for y in -0.8 0 0.8; do
+  (($(value imported.splinemap 2 $y) > 0 && $(value corrected.splinemap 2 $y) < 0)) ||
+    fail "a wall that is gone: $(value imported.splinemap 2 $y), $(value corrected.splinemap 2 $y)"
+  (($(value imported.splinemap -2 $y) < 0 && $(value corrected.splinemap -2 $y) > 0)) ||
+    fail "a new wall: $(value imported.splinemap -2 $y), $(value corrected.splinemap -2 $y)"
+done
+(($(value corrected.splinemap 4 3) > 0)) || fail "a wall that both have"
+printf 'method { knot_interval_m: 0.1 }\n' > coarse.textproto
+expect 0 splinemap import-ros lab.yaml coarse.splinemap --config coarse.textproto \
+  --occupied-log-odds 5 --free-log-odds -1
+[[ $(splinemap info coarse.splinemap --json | jq .knot_interval_m) == 0.1 ]] || fail "knot interval"
+expect 2 splinemap import-ros lab.yaml x.splinemap --name 'no/name'
+expect 2 splinemap import-ros lab.yaml x.splinemap --free-log-odds 1
+expect 1 splinemap import-ros none.yaml x.splinemap
+expect_text "there is no file none.yaml" err
+cp lab.pgm cut.pgm
+truncate -s 1000 cut.pgm
+sed 's/lab.pgm/cut.pgm/' lab.yaml > cut.yaml
+expect 1 splinemap import-ros cut.yaml x.splinemap
+expect_text "cut.pgm is cut off" err
+sed 's/0.05$/50/' lab.yaml > large.yaml
+expect 2 splinemap import-ros large.yaml x.splinemap
+expect_text "Is the resolution of 50 m per cell right?" err
+sed 's/lab.pgm/none.pgm/' lab.yaml > no_image.yaml
+expect 1 splinemap import-ros no_image.yaml x.splinemap
+expect_text "there is no file none.pgm" err
+for file in office.splinemap whole.log office.lcmlog; do
+  expect 2 splinemap import-ros "$file" x.splinemap
+done
+expect 2 splinemap import-ros lab.yaml lab.pgm --force
+expect_text "cannot write lab.pgm: the command reads it" err
+[[ ! -e x.splinemap ]] || fail "something was written"
+
 # --- foreign files in every place
 splinemap render office.splinemap picture.png 2> /dev/null
 sqlite3 foreign.db "CREATE TABLE t (x); INSERT INTO t VALUES (1)"

@@ -188,6 +188,16 @@ for bad in "mute" "mute robot" "shift robot-2" "shift robot-2 7" "shift robot-2 
   expect 2 splinemap layer "${words[0]}" fleet.splinemap "${words[@]:1}" --out x.splinemap
 done
 expect_text "a layer can be shifted by 67108864 knots at most" err
+expect 0 splinemap layer shift fleet.splinemap robot-2 7 -40 --out knots.splinemap
+expect 0 splinemap layer shift fleet.splinemap robot-2 0.35m -2m --out metres.splinemap
+expect 0 splinemap diff knots.splinemap metres.splinemap
+expect 2 splinemap layer shift fleet.splinemap robot-2 0.5 0 --out x.splinemap
+expect_text "0.5 is no whole number of knot intervals; 0 and 1 are" err
+expect 2 splinemap layer shift fleet.splinemap robot-2 0 -.12m --out x.splinemap
+expect_text "-0.12m is no whole number of knot intervals of 0.05 m; -0.15m and -0.1m are" err
+expect 2 splinemap layer shift fleet.splinemap robot-2 left 0 --out x.splinemap
+expect_text "left is no shift; give X and Y in knot intervals, 40 -2, or in metres, 2m -0.1m" err
+expect 2 splinemap layer shift fleet.splinemap robot-2 1 1e300m --out x.splinemap
 expect 2 splinemap layer mute fleet.splinemap robot-2
 expect_text "give the map file to write with --out" err
 expect 2 splinemap layer mute fleet.splinemap robot-2 --out changed.splinemap
