@@ -176,7 +176,8 @@ play_two() {
   splinemap render --live "$out/map.png" --force 2> /dev/null
   for k in 1 2; do
     kill "${daemons[k - 1]}"
-    wait "${daemons[k - 1]}" || { cat "$out/robot-$k.log" >&2; die "the daemon of robot-$k failed"; }
+    wait "${daemons[k - 1]}" ||
+      { cat "$out/robot-$k.log" >&2; die "the daemon of robot-$k failed"; }
     say "robot-$k: $(sed -n 's/.*info \(mapped .*\);.*/\1/p' "$out/robot-$k.log")"
   done
 }

@@ -57,16 +57,16 @@ absl::StatusOr<int> ImportRos(const ImportRosFlags& flags) {
 }
 
 constexpr const char* kImportRosExamples = R"(
-Example:
+Examples:
   splinemap import-ros lab.yaml lab.splinemap
   splinemapd --map lab.splinemap --scan LASER --pose POSE
 
 Makes a map file with one layer of a map of ROS map_server: a .yaml with its PGM or PNG, in mode
 trinary, scale or raw, also turned. Unknown stays unknown. The daemon maps into a layer of its own,
-and the map is the sum of both. At the default weights a robot 3 m away has seen in 8 scans that a wall
-is gone, and in 2 that there is one. Each import is a layer of its own:
-merged with an earlier import of the same map it counts twice. Knot interval and clamps are the
-daemon's if it has the same --config.)";
+and the map is the sum of both. At the default weights a robot 3 m away has seen in 8 scans that a
+wall is gone, and in 2 that there is one. Each import is a layer of its own: merged with an earlier
+import of the same map it counts twice. Knot interval and clamps are those of --config, which has to
+be the daemon's.)";
 
 }  // namespace
 

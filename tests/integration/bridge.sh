@@ -85,7 +85,8 @@ compare=(python3 compare.py recorded.lcmlog SLAM_MAP=whole.csv=1 PART=part.csv=1
 await "${compare[@]}"
 
 # A region of more than 4 million cells ends it with a hint.
-expect 1 timeout 20 splinemap bridge occupancy-grid --channel FINE --region=0,0,20,13 --resolution 0.004
+expect 1 timeout 20 splinemap bridge occupancy-grid --channel FINE --region=0,0,20,13 \
+  --resolution 0.004
 expect_text "make --region smaller, or --resolution greater than 0.004 m" err
 kill -0 "$whole" || fail "the bridge ended: $(cat whole.log)"
 grep -q "loses some messages of" whole.log || fail "silent about the size: $(cat whole.log)"

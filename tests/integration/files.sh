@@ -68,17 +68,18 @@ cmp <(tail -n +2 lab.yaml) <(tail -n +2 again.yaml) || fail "another grid: $(cat
 # kept VALUE: the share of pixels of that value that came back, in 1/1000.
 kept() {
   paste <(tail -n +4 lab.pgm | od -An -v -w1 -tu1) <(tail -n +4 again.pgm | od -An -v -w1 -tu1) |
-    awk -v value="$1" '$1 == value { all++; same += $2 == value } END { print int(1000 * same / all) }'
+    awk -v value="$1" '$1 == value { all++; same += $2 == value }
+      END { print int(1000 * same / all) }'
 }
 (($(kept 0) >= 998 && $(kept 254) >= 996 && $(kept 205) == 1000)) ||
   fail "of occupied, free and unknown pixels came back: $(kept 0), $(kept 254), $(kept 205)"
-# A map of yesterday: one wall is gone since then, a new one is there. A robot that maps on corrects it.
+# A map of yesterday: one wall is gone since then, a new one is there. The robot corrects it.
 cat > room.world << 'EOF'
 wall { x0_m: -4 y0_m: -4 x1_m: 4 y1_m: -4 } wall { x0_m: 4 y0_m: -4 x1_m: 4 y1_m: 4 }
 wall { x0_m: 4 y0_m: 4 x1_m: -4 y1_m: 4 } wall { x0_m: -4 y0_m: 4 x1_m: -4 y1_m: -4 }
 EOF
-sed '$a wall { x0_m: 2 y0_m: -1 x1_m: 2 y1_m: 1 } waypoint { x_m: 3 } waypoint { x_m: 0 } waypoint { x_m: -3 }' \
-  room.world > yesterday.world
+sed '$a wall { x0_m: 2 y0_m: -1 x1_m: 2 y1_m: 1 }
+  $a waypoint { x_m: 3 } waypoint { x_m: 0 } waypoint { x_m: -3 }' room.world > yesterday.world
 sed '$a wall { x0_m: -2 y0_m: -1 x1_m: -2 y1_m: 1 } waypoint { y_m: 1 } waypoint { y_m: -1 }' \
   room.world > today.world
 for day in yesterday today; do
