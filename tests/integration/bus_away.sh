@@ -109,7 +109,7 @@ await said 1 "works again"
 # An interface that goes down, and one that is pulled out, and comes back as another.
 count=0
 for breaks in "ip link set robot down" "ip link del robot"; do
-  lcm-logplayer -s 10 office.lcmlog > player.log 2>&1 || fail "lcm-logplayer: $(cat player.log)"
+  lcm-logplayer -s 25 office.lcmlog > player.log 2>&1 || fail "lcm-logplayer: $(cat player.log)"
   await bash -c "splinemap watch --once --json --timeout 2 > status.json && ((\$(jq .scans_mapped status.json) > $count + 300))"
   splinemap watch --timeout 30 > watched 2> watch.log &
   watch=$!
@@ -130,7 +130,7 @@ for breaks in "ip link set robot down" "ip link del robot"; do
   kill "$watch"
   wait "$watch" || true
 done
-lcm-logplayer -s 10 office.lcmlog > player.log 2>&1
+lcm-logplayer -s 25 office.lcmlog > player.log 2>&1
 await bash -c "splinemap watch --once --json --timeout 2 > status.json && ((\$(jq .scans_mapped status.json) > $count + 300))"
 end_daemon
 echo "multicast: $count scans saved when it went, $(mapped) in the end"

@@ -65,7 +65,7 @@ class DamagedMapFileTest : public MapFileTest {
 
 TEST_F(DamagedMapFileTest, NoFlippedBitGoesUnnoticed) {
   std::mt19937_64 random(1);
-  for (int round = 0; round < 500; ++round) {
+  for (int round = 0; round < 200; ++round) {
     std::string bytes = bytes_;
     const size_t place = random() % bytes.size();
     const size_t bit = random() % 8;
@@ -255,7 +255,7 @@ TEST_F(DamagedPagesTest, AFlippedByteCostsItsRowAtMost) {
   std::mt19937_64 random(6);
   constexpr size_t kVersion = 60;  // of the schema: then the file is of another splinemap
   for (size_t page = 0; page < on_page_.size(); ++page) {
-    for (int round = 0; round < 3; ++round) {
+    for (int round = 0; round < 2; ++round) {
       std::string bytes = bytes_;
       // Beginnings of pages say what the rest is.
       const size_t place = page * kPage + (round == 0 ? random() % 12 : random() % kPage);
@@ -271,7 +271,7 @@ TEST_F(DamagedPagesTest, AFlippedByteCostsItsRowAtMost) {
 TEST_F(DamagedPagesTest, EveryByteOfTheHeaderButTheVersionMayBeAnything) {
   for (size_t place = 0; place < 108; ++place) {
     if (place >= 60 && place < 64) continue;
-    for (const uint8_t value : {uint8_t{0}, uint8_t{1}, uint8_t{2}, uint8_t{0xff}}) {
+    for (const uint8_t value : {uint8_t{0}, uint8_t{1}, uint8_t{0xff}}) {
       std::string bytes = bytes_;
       bytes[place] = static_cast<char>(value);
       ExpectAllButPages(bytes, 0, 1, fmt::format("byte {} is {}", place, value));
@@ -308,7 +308,7 @@ TEST_F(DamagedPagesTest, ACutEndCostsWhatWasThere) {
 
 TEST_F(DamagedPagesTest, AWriterGoesOnAndKeepsTheFileAsItWas) {
   std::mt19937_64 random(8);
-  for (size_t page = 0; page < on_page_.size(); page += 1 + page / 8) {
+  for (size_t page = 0; page < on_page_.size(); page += 1 + page / 4) {
     SCOPED_TRACE(page);
     std::string bytes = bytes_;
     for (size_t k = 0; k < kPage; ++k) bytes[page * kPage + k] = static_cast<char>(random());

@@ -221,7 +221,7 @@ Mapped MapOf(
 TEST(ReplayPropertyTest, WhoeverLooksOnChangesNothing) {
   DropCounts drops;
   uint64_t scans = 0;
-  for (int seed = 0; seed < NumSchedules(80); ++seed) {
+  for (int seed = 0; seed < NumSchedules(40); ++seed) {
     Random random(seed);
     const Log log = SomeLog(random);
     const Mapped expected = MapOf(log, drops);
@@ -260,7 +260,7 @@ class BusyMachine {
 
 TEST(ReplayPropertyTest, TheDaemonOnABusyMachineMapsTheSame) {
   spdlog::set_level(spdlog::level::off);  // forty daemons have much to say
-  for (int seed = 0; seed < NumSchedules(16); ++seed) {
+  for (int seed = 0; seed < NumSchedules(8); ++seed) {
     Random random(seed);
     const Log log = SomeLog(random);
     DropCounts drops;
@@ -331,7 +331,7 @@ std::vector<Drive> SomePasses(Random& random) {
 
 TEST(ReplayPropertyTest, TheInterleavingOfChannelsDoesNotMatter) {
   uint64_t scans = 0;
-  for (int seed = 0; seed < NumSchedules(40); ++seed) {
+  for (int seed = 0; seed < NumSchedules(20); ++seed) {
     Random random(seed);
     const std::vector<Drive> passes = SomePasses(random);
     const Mapped expected = MapOfPasses(passes, {0, 0}, random);
@@ -344,7 +344,7 @@ TEST(ReplayPropertyTest, TheInterleavingOfChannelsDoesNotMatter) {
 }
 
 TEST(ReplayPropertyTest, StampsOfLongAgoChangeNothingElse) {
-  for (int seed = 0; seed < NumSchedules(40); ++seed) {
+  for (int seed = 0; seed < NumSchedules(20); ++seed) {
     Random random(seed);
     DropCounts drops;
     Log log = Interleave(SomeDrive(random, 10'000, 14'000), {300, 300}, random);
