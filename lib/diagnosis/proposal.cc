@@ -186,13 +186,19 @@ class Trials {
   std::vector<FlagTrial> trials_;
 };
 
+// The sharpest, or one that is nearly as sharp with nothing changed.
 const FlagTrial* Sharpest(const std::vector<FlagTrial>& trials, const std::string& scan) {
   const FlagTrial* best = nullptr;
+  const FlagTrial* as_given = nullptr;
   for (const FlagTrial& trial : trials) {
     if (trial.scan != scan || !trial.flags) continue;
     if (best == nullptr || trial.flags->spread < best->flags->spread) best = &trial;
+    if (trial.clock_offset != Utime(0) || trial.flags->spread < trial.flags->spread_given) continue;
+    if (as_given == nullptr || trial.flags->spread < as_given->flags->spread) as_given = &trial;
   }
-  return best;
+  const bool will_do =
+      as_given != nullptr && kSharper * as_given->flags->spread <= best->flags->spread;
+  return will_do ? as_given : best;
 }
 
 std::string FlagFor(const Survey& survey, const config::Scan& scan, const FlagTrial* trial) {
@@ -221,13 +227,15 @@ void CautionOnExtrinsics(const Survey& survey, const config::Scan& scan, const F
                     "scans are dropped",
                     scan.channel(), scan.extrinsics_channel()));
   } else if (trial != nullptr && trial->flags) {
-    const double turned_rad = WrapAngle(trial->flags->options.mount.robot_T_sensor.yaw_rad -
-                                        mount->robot_T_sensor.yaw_rad);
-    if (std::abs(turned_rad) < 0.1) return;
-    cautions.push_back(fmt::format(
-        "{}: the map is sharper with the sensor turned by {:.0f} degrees from what the "
-        "transform on {} says; correct it there",
-        scan.channel(), turned_rad * 180 / std::numbers::pi, scan.extrinsics_channel()));
+    const Pose2& sharper = trial->flags->options.mount.robot_T_sensor;
+    const double turned_rad = WrapAngle(sharper.yaw_rad - mount->robot_T_sensor.yaw_rad);
+    const Eigen::Vector2d moved_m = sharper.position_m - mount->robot_T_sensor.position_m;
+    if (std::abs(turned_rad) < 0.1 && moved_m.norm() < 0.05) return;
+    cautions.push_back(
+        fmt::format("{}: the map is sharper with the sensor turned by {:.0f} degrees and moved by "
+                    "({:.2f}, {:.2f}) m from what the transform on {} says; correct it there",
+                    scan.channel(), turned_rad * 180 / std::numbers::pi, moved_m.x(), moved_m.y(),
+                    scan.extrinsics_channel()));
   }
 }
 
