@@ -3,6 +3,7 @@
 #include <cstdio>
 #include <map>
 #include <memory>
+#include <utility>
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
@@ -11,6 +12,7 @@
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/config/flags.h"
+#include "lib/diagnosis/proposal.h"
 #include "lib/diagnosis/survey.h"
 #include "lib/logs/lcm_log.h"
 #include "lib/pipeline/mapper.h"
@@ -49,16 +51,47 @@ struct MappedLog {
   absl::Status read;  // what ReadLcmLog() says
 };
 
-std::unique_ptr<MappedLog> MapInOrderOfFile(const std::string& log,
+// Compares the pose channel with the others of the log, once, after the first scans.
+class PoseWatch {
+ public:
+  PoseWatch(const std::string& log, const config::Config& config) : log_(log), config_(config) {}
+
+  void Add(const LogEvent& event) {
+    if (is_done_) return;
+    survey_.Add(event.utime, event.channel, event.message);
+    scans_ += event.channel == config_.scan(0).channel();
+    if (scans_ == kScans) Compare();
+  }
+
+  void Compare() {
+    if (std::exchange(is_done_, true)) return;
+    const std::string sharper = SharperPoses(survey_, config_);
+    if (!sharper.empty()) PrintLine(stderr, "{}. See splinemap doctor {}", sharper, log_);
+  }
+
+ private:
+  static constexpr int kScans = 300;
+
+  std::string log_;
+  config::Config config_;
+  Survey survey_;
+  int scans_ = 0;
+  bool is_done_ = false;
+};
+
+std::unique_ptr<MappedLog> MapInOrderOfFile(const std::string& log, const config::Config& config,
                                             std::unique_ptr<MappedLog> drive) {
+  PoseWatch poses(log, config);
   ProgressBar bar("mapping");
   drive->read = ReadLcmLog(
       log,
       [&](const LogEvent& event) {
         drive->mapper.HandleMessage(event.channel, event.message, event.utime);
+        poses.Add(event);
       },
       [&](double share) { bar.Show(share); });
   drive->mapper.Flush();
+  poses.Compare();
   return drive;
 }
 
@@ -125,7 +158,7 @@ absl::StatusOr<int> Build(const BuildFlags& flags) {
   const LayerId id{RobotName(config), RandomId()};
   const SessionId session{1, RandomId()};
   std::unique_ptr<MappedLog> drive =
-      MapInOrderOfFile(flags.log, std::make_unique<MappedLog>(config, id, session));
+      MapInOrderOfFile(flags.log, config, std::make_unique<MappedLog>(config, id, session));
   if (LacksPoses(drive->mapper.counts())) {
     auto again =
         MapInOrderOfStamps(flags.log, config, std::make_unique<MappedLog>(config, id, session));

@@ -35,14 +35,14 @@ std::string TypeOf(const SurveyedChannel& channel) {
 }
 
 // The flags to add to those that are given.
-std::vector<std::string> FlagsOf(const Proposal& proposal, const config::Config& given) {
+std::vector<std::string> FlagsOf(const FlagChoice& choice, const config::Config& given) {
   std::vector<std::string> flags;
   if (given.scan_size() == 0) {
-    for (const std::string& flag : proposal.scan_flags) {
+    for (const std::string& flag : choice.scan_flags) {
       flags.insert(flags.end(), {"--scan", flag});
     }
   }
-  if (given.pose().empty()) flags.insert(flags.end(), {"--pose", proposal.pose});
+  if (given.pose().empty()) flags.insert(flags.end(), {"--pose", choice.pose});
   return flags;
 }
 
@@ -53,7 +53,7 @@ nlohmann::json ToJson(const FlagTrial& trial) {
       {"clock_offset_s", std::chrono::duration<double>(trial.clock_offset).count()},
       {"scans_compared", trial.scans}};
   if (trial.flags) {
-    json["cells_as_given"] = trial.flags->spread_given;
+    if (trial.spread_as_given) json["cells_as_given"] = *trial.spread_as_given;
     json["cells_proposed"] = trial.flags->spread;
     json["cells_flipped"] = trial.flags->spread_flipped;
   }
@@ -89,7 +89,8 @@ nlohmann::json ToJson(const Survey& survey, const absl::StatusOr<Proposal>& prop
     json["pose"] = proposal->pose;
     json["scans"] = proposal->scans;
     json["scan_flags"] = proposal->scan_flags;
-    json["chosen_flags"] = FlagsOf(*proposal, given);
+    json["chosen_flags"] = FlagsOf({proposal->pose, proposal->scan_flags}, given);
+    if (proposal->close_second) json["close_second"] = FlagsOf(*proposal->close_second, given);
     json["cautions"] = proposal->cautions;
     if (!proposal->problem.empty()) json["problem"] = proposal->problem;
     json["trials"] = nlohmann::json::array();
@@ -121,8 +122,10 @@ void PrintTrials(const Proposal& proposal) {
     const std::string compared = fmt::format("{:<20} {:<20} {:>6} ", PlainText(trial.scan),
                                              PlainText(trial.pose), trial.scans);
     if (trial.flags) {
-      PrintLine(stdout, "{}{:>9.0f} {:>9.0f} {:>11.0f}{}", compared, trial.flags->spread_given,
-                trial.flags->spread, trial.flags->spread_flipped,
+      const std::string as_given =
+          trial.spread_as_given ? fmt::format("{:.0f}", *trial.spread_as_given) : "-";
+      PrintLine(stdout, "{}{:>9} {:>9.0f} {:>11.0f}{}", compared, as_given, trial.flags->spread,
+                trial.flags->spread_flipped,
                 trial.flags->is_time_beyond ? "  clocks may be more than 1 s apart" : "");
     } else {
       PrintLine(stdout, "{}not compared; the robot turned too little or has too few poses",
@@ -139,13 +142,17 @@ std::string Quoted(const std::string& word) {
   return "'" + absl::StrReplaceAll(PlainText(word), {{"'", "'\\''"}}) + "'";
 }
 
-void PrintFlags(const Proposal& proposal) {
+void PrintChoice(const char* what, const FlagChoice& choice) {
   std::string flags;
-  for (const std::string& flag : proposal.scan_flags) flags += " --scan " + Quoted(flag);
+  for (const std::string& flag : choice.scan_flags) flags += " --scan " + Quoted(flag);
+  PrintLine(stdout, "{}:{} --pose {}", what, flags, Quoted(choice.pose));
+}
+
+void PrintFlags(const Proposal& proposal) {
   PrintLine(stdout, "");
-  PrintLine(stdout, "{}:{} --pose {}",
-            proposal.problem.empty() ? "map it with" : "continue the search with", flags,
-            Quoted(proposal.pose));
+  PrintChoice(proposal.problem.empty() ? "map it with" : "continue the search with",
+              {proposal.pose, proposal.scan_flags});
+  if (proposal.close_second) PrintChoice("or compare", *proposal.close_second);
   for (const std::string& channel : proposal.scans) {
     if (channel.find_first_of(":,") == std::string::npos) continue;
     PrintLine(stdout,
@@ -224,9 +231,15 @@ Examples:
   splinemap doctor drive.lcmlog --json --pose SLAM_POSE
   splinemap doctor --live --seconds 20
 
-Lists the channels and their irregularities, tries signs of bearing, time offsets and pose channels
-on the first minutes, and proposes the flags for the sharpest map. The robot should drive and turn
-meanwhile. Messages above 1 MB are ignored on a bus.)";
+Lists the channels and their irregularities, tries signs of bearing, mounts, time offsets and pose
+channels on the first minutes, and proposes the flags for the sharpest map. The robot should drive
+and turn meanwhile. Messages above 1 MB are ignored on a bus.
+
+The table counts the cells of 5 cm that the hits of some scans lie in, weighed by their hits: the
+fewer, the sharper the map. A row is a scan channel placed by a pose channel; rows of a scan channel
+compare the same scans. "as given": with the flags given, or none; "-" where these place too few
+hits. "proposed": with the best flags for this row. "other sign": with these and bearings turned the
+other way, where a right map gets several times as many cells.)";
 
 }  // namespace
 

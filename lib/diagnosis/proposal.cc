@@ -75,8 +75,30 @@ SensorOptions OptionsOf(const Survey& survey, const config::Scan& scan) {
 // The flags of one scan channel, tried with each pose channel.
 class Trials {
  public:
-  Trials(const Survey& survey, const config::Scan& scan, const std::vector<std::string>& poses)
+  Trials(const Survey& survey, const config::Scan& told, const std::vector<std::string>& poses)
+      : Trials(survey, told, WithWhatItNeeds(survey, told), poses) {}
+
+  std::vector<FlagTrial> Run() {
+    const std::vector<RecordingSample> first = SamplesOf(kSampleScans);
+    const std::vector<RecordingSample> all = SamplesOf(kAllScans);
+    for (size_t k = 0; k < trials_.size(); ++k) {
+      SensorOptions options = given_;
+      options.time_offset = TimeOffset(trials_[k]);
+      trials_[k].scans = all[k].scans.size();
+      trials_[k].flags = SearchFlags(first[k], options);
+      if (!trials_[k].flags) continue;
+      CompareOnAll(all[k], options, *trials_[k].flags);
+      trials_[k].spread_as_given = SpreadAsGiven(all[k], options);
+    }
+    LeaveOneClock();
+    return std::move(trials_);
+  }
+
+ private:
+  Trials(const Survey& survey, const config::Scan& told, const config::Scan& scan,
+         const std::vector<std::string>& poses)
       : survey_(survey),
+        as_given_(OptionsOf(survey, told)),
         given_(OptionsOf(survey, scan)),
         scans_(given_.stamp_is_receipt ? survey.ScansAsReceived(scan.channel())
                                        : survey.ScansOf(scan.channel())) {
@@ -88,23 +110,15 @@ class Trials {
     }
   }
 
-  std::vector<FlagTrial> Run() {
-    const std::vector<RecordingSample> first = SamplesOf(kSampleScans);
-    const std::vector<RecordingSample> all = SamplesOf(kAllScans);
-    for (size_t k = 0; k < trials_.size(); ++k) {
-      SensorOptions options = given_;
-      options.time_offset = TimeOffset(trials_[k]);
-      trials_[k].scans = all[k].scans.size();
-      trials_[k].flags = SearchFlags(first[k], options);
-      if (trials_[k].flags) CompareOnAll(all[k], options, *trials_[k].flags);
-    }
+  // Of a pose channel that was tried with two clocks, the trial that is right. One clock needs no
+  // explanation.
+  void LeaveOneClock() {
     for (auto other = trials_.begin(); other != trials_.end();) {
       const bool is_other_clock = other->clock_offset != Utime(0);
       if (!is_other_clock) {
         ++other;
         continue;
       }
-      // Of one pose channel two trials stand side by side. One clock needs no explanation.
       const auto same = other - 1;
       const bool is_better =
           other->flags
@@ -113,16 +127,24 @@ class Trials {
       other = trials_.erase(is_better ? same : other);
       if (is_better) ++other;
     }
-    return std::move(trials_);
   }
 
- private:
+  std::optional<double> SpreadAsGiven(const RecordingSample& all,
+                                      const SensorOptions& needed) const {
+    // Stamps that say nothing find no poses.
+    if (needed.stamp_is_receipt != as_given_.stamp_is_receipt) return std::nullopt;
+    const SampleSpread spread = SpreadOf(all, as_given_);
+    if (10 * spread.hits < 9 * SpreadOf(all, needed).hits) return std::nullopt;
+    return spread.cells;
+  }
+
   void Add(const std::string& scan, const std::string& pose, Utime clock_offset) {
     trials_.push_back({.scan = scan,
                        .pose = pose,
                        .clock_offset = clock_offset,
                        .scans = 0,
-                       .flags = std::nullopt});
+                       .flags = std::nullopt,
+                       .spread_as_given = std::nullopt});
   }
 
   std::vector<RecordingSample> SamplesOf(size_t max_scans) const {
@@ -181,18 +203,25 @@ class Trials {
   }
 
   const Survey& survey_;
-  SensorOptions given_;
+  SensorOptions as_given_;
+  SensorOptions given_;  // and what stamps and readings ask for
   std::vector<RangeReadings> scans_;
   std::vector<FlagTrial> trials_;
 };
 
+// The sharpest, or one that is nearly as sharp with nothing changed.
 const FlagTrial* Sharpest(const std::vector<FlagTrial>& trials, const std::string& scan) {
   const FlagTrial* best = nullptr;
+  const FlagTrial* as_given = nullptr;
   for (const FlagTrial& trial : trials) {
     if (trial.scan != scan || !trial.flags) continue;
     if (best == nullptr || trial.flags->spread < best->flags->spread) best = &trial;
+    if (trial.clock_offset != Utime(0) || trial.flags->spread < trial.flags->spread_given) continue;
+    if (as_given == nullptr || trial.flags->spread < as_given->flags->spread) as_given = &trial;
   }
-  return best;
+  const bool will_do =
+      as_given != nullptr && kSharper * as_given->flags->spread <= best->flags->spread;
+  return will_do ? as_given : best;
 }
 
 std::string FlagFor(const Survey& survey, const config::Scan& scan, const FlagTrial* trial) {
@@ -221,34 +250,55 @@ void CautionOnExtrinsics(const Survey& survey, const config::Scan& scan, const F
                     "scans are dropped",
                     scan.channel(), scan.extrinsics_channel()));
   } else if (trial != nullptr && trial->flags) {
-    const double turned_rad = WrapAngle(trial->flags->options.mount.robot_T_sensor.yaw_rad -
-                                        mount->robot_T_sensor.yaw_rad);
-    if (std::abs(turned_rad) < 0.1) return;
-    cautions.push_back(fmt::format(
-        "{}: the map is sharper with the sensor turned by {:.0f} degrees from what the "
-        "transform on {} says; correct it there",
-        scan.channel(), turned_rad * 180 / std::numbers::pi, scan.extrinsics_channel()));
+    const Pose2& sharper = trial->flags->options.mount.robot_T_sensor;
+    const double turned_rad = WrapAngle(sharper.yaw_rad - mount->robot_T_sensor.yaw_rad);
+    const Eigen::Vector2d moved_m = sharper.position_m - mount->robot_T_sensor.position_m;
+    if (std::abs(turned_rad) < 0.1 && moved_m.norm() < 0.05) return;
+    cautions.push_back(
+        fmt::format("{}: the map is sharper with the sensor turned by {:.0f} degrees and moved by "
+                    "({:.2f}, {:.2f}) m from what the transform on {} says; correct it there",
+                    scan.channel(), turned_rad * 180 / std::numbers::pi, moved_m.x(), moved_m.y(),
+                    scan.extrinsics_channel()));
   }
 }
 
-// Says so where another pose channel does nearly as well as the one that is chosen, or where there
-// are few scans to tell them apart.
-void CautionOnChoice(const std::vector<FlagTrial>& trials, const FlagTrial& chosen,
-                     std::vector<std::string>& cautions) {
+// Another pose channel that does nearly as well as the one that is chosen, or that few scans tell
+// apart from it; or null.
+const FlagTrial* CloseSecond(const std::vector<FlagTrial>& trials, const FlagTrial& chosen) {
   constexpr size_t kFewScans = 30;
   const FlagTrial* second = nullptr;
   for (const FlagTrial& trial : trials) {
     if (trial.scan != chosen.scan || trial.pose == chosen.pose || !trial.flags) continue;
     if (second == nullptr || trial.flags->spread < second->flags->spread) second = &trial;
   }
-  if (second == nullptr) return;
+  if (second == nullptr) return nullptr;
   const bool is_clear = chosen.flags->spread < kClearlySharper * second->flags->spread;
-  if (is_clear && chosen.scans >= kFewScans) return;
-  cautions.push_back(fmt::format(
+  return is_clear && chosen.scans >= kFewScans ? nullptr : second;
+}
+
+std::string CloseCall(const FlagTrial& chosen, const FlagTrial& second) {
+  return fmt::format(
       "a close call: of {} scans, {} makes {:.0f} cells and {} {:.0f}; compare the maps of both, "
-      "or "
-      "take a longer drive",
-      chosen.scans, chosen.pose, chosen.flags->spread, second->pose, second->flags->spread));
+      "or take a longer drive",
+      chosen.scans, chosen.pose, chosen.flags->spread, second.pose, second.flags->spread);
+}
+
+const FlagTrial* TrialOf(const std::vector<FlagTrial>& trials, const std::string& scan,
+                         const std::string& pose) {
+  const auto trial = std::find_if(trials.begin(), trials.end(), [&](const FlagTrial& other) {
+    return other.scan == scan && other.pose == pose;
+  });
+  return trial == trials.end() ? nullptr : &*trial;
+}
+
+std::vector<std::string> ScanFlags(const Survey& survey, const config::Config& config,
+                                   const std::vector<FlagTrial>& trials, const std::string& pose) {
+  std::vector<std::string> flags;
+  for (const config::Scan& scan : config.scan()) {
+    flags.push_back(
+        FlagFor(survey, WithWhatItNeeds(survey, scan), TrialOf(trials, scan.channel(), pose)));
+  }
+  return flags;
 }
 
 std::string ProblemOf(const FlagTrial& trial) {
@@ -299,10 +349,9 @@ absl::StatusOr<std::vector<std::string>> PosesOfUse(const Survey& survey,
                          stamps.empty() ? PoseComplaint(survey.PosesOf(pose)) : stamps);
 }
 
-}  // namespace
-
-absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& given) {
-  config::Config config = given;
+// Those of use of the channels that can be chosen from; scan channels are filled in.
+absl::StatusOr<std::vector<std::string>> ChannelsToTry(const Survey& survey,
+                                                       config::Config& config) {
   if (config.scan_size() == 0) {
     for (const std::string& name : ChannelsOf(survey, &IsScan)) {
       config.add_scan()->set_channel(name);
@@ -320,14 +369,30 @@ absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& giv
   first_choice.set_pose(poses.front());
   SPLINEMAP_RETURN_IF_ERROR(ChooseChannels(survey, first_choice));
   SPLINEMAP_ASSIGN_OR_RETURN(poses, PosesOfUse(survey, poses));
-  for (config::Scan& scan : *config.mutable_scan()) {
+  for (const config::Scan& scan : config.scan()) {
     const auto complaint = survey.ReadingsOf(scan.channel()).Complain(scan.range_max_m());
     if (complaint && !complaint->right_range_max_m) {
       return InvalidArgument("nothing can be proposed: {}: {}", scan.channel(), complaint->text);
     }
-    scan = WithWhatItNeeds(survey, scan);
   }
+  return poses;
+}
 
+// The channel of the most scans has most to say about poses.
+const std::string& BusiestOf(const Survey& survey, const config::Config& config) {
+  return std::max_element(config.scan().begin(), config.scan().end(),
+                          [&](const auto& a, const auto& b) {
+                            return survey.Find(a.channel())->messages <
+                                   survey.Find(b.channel())->messages;
+                          })
+      ->channel();
+}
+
+}  // namespace
+
+absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& given) {
+  config::Config config = given;
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<std::string> poses, ChannelsToTry(survey, config));
   Proposal proposal;
   for (const config::Scan& scan : config.scan()) {
     proposal.scans.push_back(scan.channel());
@@ -335,12 +400,7 @@ absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& giv
       proposal.trials.push_back(std::move(trial));
     }
   }
-  // The channel of the most scans has most to say about poses.
-  const auto busiest = std::max_element(
-      config.scan().begin(), config.scan().end(), [&](const auto& a, const auto& b) {
-        return survey.Find(a.channel())->messages < survey.Find(b.channel())->messages;
-      });
-  const FlagTrial* sharpest = Sharpest(proposal.trials, busiest->channel());
+  const FlagTrial* sharpest = Sharpest(proposal.trials, BusiestOf(survey, config));
   if (sharpest == nullptr && poses.size() > 1) {
     SPLINEMAP_RETURN_IF_ERROR(CheckStoodStill(survey, poses));
     proposal.cautions.push_back(
@@ -348,20 +408,40 @@ absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& giv
         "this map");
   }
   proposal.pose = sharpest != nullptr ? sharpest->pose : poses.front();
+  proposal.scan_flags = ScanFlags(survey, config, proposal.trials, proposal.pose);
   for (const config::Scan& scan : config.scan()) {
-    const auto trial = std::find_if(
-        proposal.trials.begin(), proposal.trials.end(), [&](const FlagTrial& candidate) {
-          return candidate.scan == scan.channel() && candidate.pose == proposal.pose;
-        });
-    const FlagTrial* const found = trial == proposal.trials.end() ? nullptr : &*trial;
-    proposal.scan_flags.push_back(FlagFor(survey, scan, found));
-    CautionOnExtrinsics(survey, scan, found, proposal.cautions);
-    if (found != nullptr && found->flags && found->flags->is_time_beyond) {
-      proposal.problem = ProblemOf(*found);
+    const FlagTrial* const trial = TrialOf(proposal.trials, scan.channel(), proposal.pose);
+    CautionOnExtrinsics(survey, scan, trial, proposal.cautions);
+    if (trial != nullptr && trial->flags && trial->flags->is_time_beyond) {
+      proposal.problem = ProblemOf(*trial);
     }
   }
-  if (sharpest != nullptr) CautionOnChoice(proposal.trials, *sharpest, proposal.cautions);
+  const FlagTrial* const second =
+      sharpest != nullptr ? CloseSecond(proposal.trials, *sharpest) : nullptr;
+  if (second != nullptr) {
+    proposal.cautions.push_back(CloseCall(*sharpest, *second));
+    proposal.close_second = {second->pose,
+                             ScanFlags(survey, config, proposal.trials, second->pose)};
+  }
   return proposal;
+}
+
+std::string SharperPoses(const Survey& survey, const config::Config& config) {
+  if (ChannelsOf(survey, &IsPose).size() < 2 || config.scan_size() == 0) return "";
+  config::Config open = config;
+  open.clear_pose();
+  const absl::StatusOr<Proposal> proposal = Propose(survey, open);
+  if (!proposal.ok() || proposal->pose == config.pose()) return "";
+  const std::string& scan = BusiestOf(survey, config);
+  const FlagTrial* const chosen = TrialOf(proposal->trials, scan, config.pose());
+  const FlagTrial* const sharper = TrialOf(proposal->trials, scan, proposal->pose);
+  if (chosen == nullptr || !chosen->flags || !sharper->flags) return "";
+  const double cells = chosen->spread_as_given.value_or(chosen->flags->spread);
+  if (sharper->flags->spread >= kClearlySharper * cells) return "";
+  return fmt::format(
+      "{}: the map is sharper with the poses of {}: hits lie in {:.0f} cells of 5 cm, and in "
+      "{:.0f} with these",
+      config.pose(), proposal->pose, sharper->flags->spread, cells);
 }
 
 std::vector<std::string> Remarks(const Survey& survey) {

@@ -5,6 +5,7 @@
 #include <numbers>
 #include <utility>
 
+#include "absl/types/span.h"
 #include "lib/config/checked_text.h"
 #include "lib/diagnosis/hit_entropy.h"
 #include "lib/geometry/angle.h"
@@ -15,7 +16,8 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-constexpr double kMinTurn_rad = 30 * std::numbers::pi / 180;
+constexpr double kDegree_rad = std::numbers::pi / 180;
+constexpr double kMinTurn_rad = 30 * kDegree_rad;
 
 constexpr Utime kMaxTriedOffset = seconds(1);
 // So near to it, the best of the tried offsets is the edge and no optimum.
@@ -35,14 +37,20 @@ void PlaceHits(const Scan& scan, const PoseBuffer& poses, std::vector<Eigen::Vec
   if (!at_first || !at_last || poses.IsInJump(first) || poses.IsInJump(last)) return;
   const Eigen::Vector3d up_robot = InterpolateUp(*at_first, first);
   if (IsTiltedTooMuch(up_robot)) return;
-  const Pose2 from = Interpolate(*at_first, first);
-  const Pose2 to = Interpolate(*at_last, last);
-  const double span = std::max(1.0, static_cast<double>((last - first).count()));
+  const Pose2 from = Interpolate(*at_first, first) * scan.robot_T_sensor;
+  const Pose2 to = Interpolate(*at_last, last) * scan.robot_T_sensor;
   std::vector<Pose2> world_T_sensor;
-  world_T_sensor.reserve(scan.beams.size());
-  for (const Beam& beam : scan.beams) {
-    const auto passed = static_cast<double>((beam.time_offset - scan.first_beam).count());
-    world_T_sensor.push_back(Interpolate(from, to, passed / span) * scan.robot_T_sensor);
+  if (first == last) {
+    world_T_sensor = {from};
+  } else {
+    const double turned_rad = WrapAngle(to.yaw_rad - from.yaw_rad);
+    world_T_sensor.reserve(scan.beams.size());
+    for (const Beam& beam : scan.beams) {
+      const double passed = static_cast<double>((beam.time_offset - scan.first_beam).count()) /
+                            static_cast<double>((last - first).count());
+      world_T_sensor.push_back({from.position_m + passed * (to.position_m - from.position_m),
+                                from.yaw_rad + passed * turned_rad});
+    }
   }
   std::vector<PlacedBeam> placed;
   Place(scan.beams, world_T_sensor, placed);
@@ -56,25 +64,30 @@ void PlaceHits(const Scan& scan, const PoseBuffer& poses, std::vector<Eigen::Vec
 class Best {
  public:
   Best(const RecordingSample& sample, const SensorOptions& options)
-      : sample_(sample), options_(options), spread_(SpreadOf(sample, options)) {}
+      : sample_(&sample), options_(options), spread_(SpreadOf(sample, options)) {}
 
   // Keeps `options` where they are sharper than what it has. Hits that are not placed do not make a
   // map sharp.
-  void Try(const SensorOptions& options) {
-    const SampleSpread spread = SpreadOf(sample_, options);
-    if (spread.hits >= spread_.hits && spread.cells < spread_.cells) {
-      options_ = options;
-      spread_ = spread;
-    }
+  bool Try(const SensorOptions& options) {
+    const SampleSpread spread = SpreadOf(*sample_, options);
+    if (spread.hits < spread_.hits || spread.cells >= spread_.cells) return false;
+    options_ = options;
+    spread_ = spread;
+    return true;
   }
+  const RecordingSample& sample() const { return *sample_; }
   const SensorOptions& options() const { return options_; }
   double cells() const { return spread_.cells; }
 
  private:
-  const RecordingSample& sample_;
+  const RecordingSample* sample_;
   SensorOptions options_;
   SampleSpread spread_;
 };
+
+const Best& SharperOf(const Best& one, const Best& other) {
+  return other.cells() < one.cells() ? other : one;
+}
 
 void TryOffsets(Best& best, SensorOptions options, Utime around, Utime reach, Utime step) {
   for (Utime offset = around - reach; offset <= around + reach; offset += step) {
@@ -128,28 +141,149 @@ SensorOptions WithBestDirections(const RecordingSample& sample, const SensorOpti
   return found;
 }
 
-SensorOptions WithBestTimes(const RecordingSample& sample, const SensorOptions& given) {
-  Best best(sample, given);
-  const double cells_given = best.cells();
+// A number of the options that is moved by small steps.
+using Dial = void (*)(SensorOptions& options, int steps);
+
+void MoveTimeOffset(SensorOptions& options, int steps) {
+  options.time_offset += milliseconds(steps);
+}
+void MoveDuration(SensorOptions& options, int steps) {
+  if (!options.use_beam_times) options.scan_duration += milliseconds(2 * steps);
+}
+void MoveYaw(SensorOptions& options, int steps) {
+  options.mount.robot_T_sensor.yaw_rad += 0.5 * kDegree_rad * steps;
+}
+void MoveX(SensorOptions& options, int steps) {
+  options.mount.robot_T_sensor.position_m.x() += 0.005 * steps;
+}
+void MoveY(SensorOptions& options, int steps) {
+  options.mount.robot_T_sensor.position_m.y() += 0.005 * steps;
+}
+
+constexpr Dial kOffset[] = {&MoveTimeOffset};
+constexpr Dial kTimes[] = {&MoveTimeOffset, &MoveDuration};
+constexpr Dial kMount[] = {&MoveYaw, &MoveX, &MoveY};
+constexpr Dial kOffsetAndMount[] = {&MoveTimeOffset, &MoveYaw, &MoveX, &MoveY};
+constexpr Dial kAll[] = {&MoveTimeOffset, &MoveDuration, &MoveYaw, &MoveX, &MoveY};
+
+// Turns each dial while that makes the map sharper, by ever smaller steps.
+void Refine(Best& best, absl::Span<const Dial> dials, int first_steps = 32) {
+  constexpr int kMostRounds = 4;
+  for (int steps = first_steps; steps > 0; steps /= 2) {
+    bool is_better = true;
+    for (int round = 0; is_better && round < kMostRounds; ++round) {
+      is_better = false;
+      for (const Dial& dial : dials) {
+        SensorOptions more = best.options();
+        dial(more, steps);
+        SensorOptions less = best.options();
+        dial(less, -steps);
+        is_better |= best.Try(more) || best.Try(less);
+      }
+    }
+  }
+}
+
+// Scan durations and beam times.
+std::vector<SensorOptions> AllWaysOfTime(const RecordingSample& sample,
+                                         const SensorOptions& given) {
   std::vector<SensorOptions> ways{given};
   for (const int duration_ms : {0, 100, 200, -100, -200}) {
-    SensorOptions options = given;
-    options.use_beam_times = false;
-    options.scan_duration = milliseconds(duration_ms);
-    ways.push_back(options);
+    ways.push_back(given);
+    ways.back().use_beam_times = false;
+    ways.back().scan_duration = milliseconds(duration_ms);
   }
   if (HasBeamTimes(sample)) {
     ways.push_back(given);
     ways.back().use_beam_times = true;
   }
-  for (const SensorOptions& way : ways) {
-    Best best_of_way(sample, way);
-    TryOffsets(best_of_way, way, given.time_offset, kMaxTriedOffset, milliseconds(100));
-    TryOffsets(best_of_way, way, best_of_way.options().time_offset, milliseconds(75),
-               milliseconds(25));
-    best.Try(best_of_way.options());
+  return ways;
+}
+
+std::vector<SensorOptions> AllYaws(const SensorOptions& given) {
+  constexpr int kStep_deg = 15;
+  std::vector<SensorOptions> yaws;
+  for (int yaw_deg = 0; yaw_deg < 360; yaw_deg += kStep_deg) {
+    yaws.push_back(given);
+    yaws.back().mount.robot_T_sensor.yaw_rad += yaw_deg * kDegree_rad;
   }
-  return best.cells() < kSharper * cells_given ? best.options() : given;
+  return yaws;
+}
+
+// Fewer scans and beams, which are enough for rough values.
+RecordingSample Sparse(const RecordingSample& sample) {
+  constexpr size_t kScans = 40;
+  constexpr size_t kBeams = 45;
+  RecordingSample sparse;
+  sparse.poses = sample.poses;
+  const size_t step = (sample.scans.size() + kScans - 1) / kScans;
+  for (size_t k = 0; k < sample.scans.size(); k += step) {
+    sparse.scans.push_back(Thinned(sample.scans[k], kBeams));
+  }
+  return sparse;
+}
+
+// The first that is nearly as sharp as the last and sharpest.
+const Best& SimplestOf(std::initializer_list<const Best*> from_simple_to_sharp) {
+  const Best& sharpest = *std::data(from_simple_to_sharp)[from_simple_to_sharp.size() - 1];
+  return **std::find_if(
+      from_simple_to_sharp.begin(), from_simple_to_sharp.end(),
+      [&](const Best* simple) { return kSharper * simple->cells() <= sharpest.cells(); });
+}
+
+// What of the mount hardly matters stays as given; the rest is refined once more.
+SensorOptions WithFewestOfMount(const Best& found, const SensorOptions& given) {
+  const Pose2& mount = given.mount.robot_T_sensor;
+  const std::pair<Dial, void (*)(Pose2&, const Pose2&)> parts[] = {
+      {&MoveX, [](Pose2& to, const Pose2& from) { to.position_m.x() = from.position_m.x(); }},
+      {&MoveY, [](Pose2& to, const Pose2& from) { to.position_m.y() = from.position_m.y(); }},
+      {&MoveYaw, [](Pose2& to, const Pose2& from) { to.yaw_rad = from.yaw_rad; }}};
+  std::vector<Dial> dials;
+  if (found.options().time_offset != given.time_offset) dials.push_back(&MoveTimeOffset);
+  SensorOptions fewest = found.options();
+  for (const auto& [dial, copy] : parts) {
+    SensorOptions simpler = fewest;
+    copy(simpler.mount.robot_T_sensor, mount);
+    const bool hardly_matters = kSharper * SpreadOf(found.sample(), simpler).cells <= found.cells();
+    if (hardly_matters) fewest = simpler;
+    if (!hardly_matters) dials.push_back(dial);
+  }
+  Best refined(found.sample(), fewest);
+  Refine(refined, dials, 4);
+  return refined.options();
+}
+
+// The times and the mount of the sensor, as few of them as a map that is nearly as sharp as the
+// sharpest takes.
+SensorOptions WithBestTimesAndMount(const RecordingSample& sample, const SensorOptions& given) {
+  const RecordingSample sparse = Sparse(sample);
+  const auto roughly = [&](const std::vector<SensorOptions>& ways, Utime reach) {
+    Best rough(sparse, given);
+    for (const SensorOptions& way : ways) {
+      TryOffsets(rough, way, given.time_offset, reach, milliseconds(100));
+    }
+    return rough.options();
+  };
+  const Best as_given(sample, given);
+  Best offset = as_given;
+  offset.Try(roughly({given}, kMaxTriedOffset));
+  Refine(offset, kOffset);
+  Best times = offset;
+  times.Try(roughly(AllWaysOfTime(sample, given), kMaxTriedOffset));
+  Refine(times, kTimes);
+  const Best& only_times = SimplestOf({&as_given, &offset, &times});
+
+  Best mount = as_given;
+  mount.Try(roughly(AllYaws(given), Utime(0)));
+  Refine(mount, kMount);
+  Best offset_and_mount(sample, roughly(AllYaws(given), kMaxTriedOffset));
+  Refine(offset_and_mount, kOffsetAndMount);
+  Best all = SharperOf(SharperOf(times, mount), offset_and_mount);
+  Refine(all, kAll);
+  const Best& with_mount = SimplestOf({&mount, &offset_and_mount, &all});
+
+  if (with_mount.cells() >= kClearlySharper * only_times.cells()) return only_times.options();
+  return WithFewestOfMount(with_mount, given);
 }
 
 double Milliseconds(Utime time) { return static_cast<double>(time.count()) / 1000; }
@@ -168,15 +302,25 @@ config::Scan OptionsBeside(const SensorOptions& preset, const SensorOptions& wan
   return scan;
 }
 
-double YawDegrees(const SensorOptions& options) {
-  const double yaw_deg = WrapAngle(options.mount.robot_T_sensor.yaw_rad) * 180 / std::numbers::pi;
-  return std::round(yaw_deg * 1e6) / 1e6;
+// To the micrometre and microdegree.
+void SetMount(const Pose2& robot_T_sensor, config::Scan& scan) {
+  const auto rounded = [](double value) { return std::round(value * 1e6) / 1e6; };
+  const double yaw_deg = rounded(WrapAngle(robot_T_sensor.yaw_rad) / kDegree_rad);
+  const double x_m = rounded(robot_T_sensor.position_m.x());
+  const double y_m = rounded(robot_T_sensor.position_m.y());
+  scan.clear_x_m();
+  scan.clear_y_m();
+  scan.clear_yaw_deg();
+  if (x_m != 0) scan.set_x_m(x_m);
+  if (y_m != 0) scan.set_y_m(y_m);
+  if (yaw_deg != 0) scan.set_yaw_deg(yaw_deg);
 }
 
 }  // namespace
 
 SampleSpread SpreadOf(const RecordingSample& sample, const SensorOptions& options) {
   std::vector<Eigen::Vector2d> hits;
+  hits.reserve(sample.scans.size() * (sample.scans.empty() ? 0 : sample.scans[0].ranges_m.size()));
   for (const RangeReadings& readings : sample.scans) {
     if (const auto scan = PrepareScan(readings, options, 0); scan.ok()) {
       PlaceHits(*scan, sample.poses, hits);
@@ -190,7 +334,7 @@ std::optional<FlagProposal> SearchFlags(const RecordingSample& sample, const Sen
   const SampleSpread as_given = SpreadOf(sample, given);
   if (as_given.hits == 0) return std::nullopt;
   FlagProposal proposal;
-  proposal.options = WithBestTimes(sample, WithBestDirections(sample, given));
+  proposal.options = WithBestTimesAndMount(sample, WithBestDirections(sample, given));
   proposal.spread = SpreadOf(sample, proposal.options).cells;
   proposal.spread_given = as_given.cells;
   SensorOptions flipped = proposal.options;
@@ -224,8 +368,7 @@ config::Scan ScanWith(const config::Scan& given, const std::string& preset,
     scan.set_fov_deg(std::round(options.field_of_view_rad * 180 / std::numbers::pi));
   }
   if (!scan.has_extrinsics_channel()) {
-    scan.clear_yaw_deg();
-    if (const double yaw_deg = YawDegrees(options); yaw_deg != 0) scan.set_yaw_deg(yaw_deg);
+    SetMount(options.mount.robot_T_sensor, scan);
   }
   return scan;
 }

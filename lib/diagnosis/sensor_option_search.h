@@ -22,7 +22,7 @@ SampleSpread SpreadOf(const RecordingSample& sample, const SensorOptions& option
 inline constexpr size_t kMinDriveScans = 10;
 // A spread below this share of another's is no accident.
 inline constexpr double kClearlySharper = 0.8;
-// Times that make the map sharper by less are not worth being set.
+// Times that make the map sharper by less are not worth being set, nor is a part of the mount.
 inline constexpr double kSharper = 0.95;
 
 // The options under which a drive gives the sharpest map.
@@ -36,15 +36,16 @@ struct FlagProposal {
   bool is_time_beyond = false;
 };
 
-// Tries wider fields of view, both signs of bearing, the sensor turned by quarters, time offsets up
-// to a second to both sides, scan durations and beam times. What makes no clear difference stays as
-// given: 20 % for fields of view, sign and quarter turns, 5 % for times. Nothing where the sample
-// tells nothing: fewer than 10 scans, a robot that turned by less than 30 degrees, no hits.
+// Tries wider fields of view, both signs of bearing, where the sensor sits and looks to, time
+// offsets up to a second to both sides, scan durations and beam times. What makes no clear
+// difference stays as given: 20 % for fields of view, sign and mount, 5 % for times. Nothing where
+// the sample tells nothing: fewer than 10 scans, a robot that turned by less than 30 degrees, no
+// hits.
 std::optional<FlagProposal> SearchFlags(const RecordingSample& sample, const SensorOptions& given);
 
 // `given` with the options that a search may change replaced by those of `options`. Names the
 // preset that leaves the fewest of them to set, `preset` where others do as well. Where extrinsics
-// come from a channel, the direction of the sensor is left to it.
+// come from a channel, the mount of the sensor is left to it.
 config::Scan ScanWith(const config::Scan& given, const std::string& preset,
                       const SensorOptions& options);
 

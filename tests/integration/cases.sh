@@ -92,3 +92,19 @@ says utm_float_poses 0 "steps of 0.25 m"
 log_of raw_laser_and_odom
 grep -q "the poses are the robot's odometry" import.txt || fail "raw_laser_and_odom: $(cat import.txt)"
 expect 0 splinemap build "$log" map.splinemap --force
+
+# A worse pose channel is said by build as by doctor, and the flags of both in a close call.
+lcm=$shared_data/lcm
+expect 0 splinemap build "$lcm/sweep_square.lcmlog" map.splinemap --force --pose TRUE_POSE
+expect_text "TRUE_POSE: the map is sharper with the poses of SLAM_POSE" err
+expect_text "See splinemap doctor $lcm/sweep_square.lcmlog" err
+expect 0 splinemap build "$lcm/sweep_square.lcmlog" map.splinemap --force --pose SLAM_POSE
+! grep -q "sharper with the poses" err || fail "sweep_square: $(cat err)"
+expect 0 splinemap doctor "$lcm/odometry_square.lcmlog"
+expect_text "map it with: --scan LIDAR --pose ODOMETRY" out
+expect_text "or compare: --scan LIDAR:michigan_2017,time_offset_ms=" out
+
+# What the given flags do not map has no cells "as given".
+log_of hall_120m
+expect 0 splinemap doctor "$log"
+grep -qE '^LASER +POSE +[0-9]+ +- +[0-9]+ ' out || fail "hall_120m: $(cat out)"

@@ -20,4 +20,14 @@ TEST(HitEntropyTest, AStrayHitAmongManyWeighsLittle) {
   EXPECT_LT(HitEntropy(hits), 1.01);
 }
 
+// Of cells along the axes it would lie in one row of them or in two.
+TEST(HitEntropyTest, AWallIsAsSharpWhereverItLies) {
+  const auto wall_at = [](double y_m) {
+    std::vector<Eigen::Vector2d> hits;
+    for (int n = 0; n < 5000; ++n) hits.emplace_back(0.001 * n, y_m + 0.002 * (n % 5 - 2));
+    return HitEntropy(hits);
+  };
+  EXPECT_NEAR(wall_at(0.025), wall_at(0), 0.02 * wall_at(0));
+}
+
 }  // namespace splinemap::hit_entropy_test

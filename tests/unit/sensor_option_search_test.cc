@@ -49,6 +49,51 @@ TEST(SensorOptionSearchTest, ASensorThatLooksBackwardsIsFound) {
               1e-9);
 }
 
+// Of a sensor of one instant, on a robot whose driver says nothing of where it sits.
+RecordingSample DriveWithSensorAt(const Pose2& robot_T_sensor, double stamp_late_s) {
+  DriveCollector collector(60, 200);
+  DriveInRoom(
+      {.stamp_late_s = stamp_late_s, .duration_s = 0}, 1,
+      [&](TimedPose pose) {
+        // The drive is that of the sensor.
+        const double yaw_rad = pose.world_T_robot.yaw_rad - robot_T_sensor.yaw_rad;
+        const Pose2 turned{{0, 0}, yaw_rad};
+        pose.world_T_robot.position_m -= turned * robot_T_sensor.position_m;
+        pose.world_T_robot.yaw_rad = yaw_rad;
+        collector.AddPose(pose);
+      },
+      [&](RangeReadings readings) { collector.AddScan(std::move(readings), Utime(0)); });
+  return collector.sample();
+}
+
+TEST(SensorOptionSearchTest, ASensorThatSitsAndLooksElsewhereIsFound) {
+  for (const double late_s : {0.0, 0.235}) {
+    const Pose2 robot_T_sensor{{0.3, -0.2}, 37 * std::numbers::pi / 180};
+    const auto proposal = SearchFlags(DriveWithSensorAt(robot_T_sensor, late_s), {});
+    ASSERT_TRUE(proposal);
+    const Pose2& found = proposal->options.mount.robot_T_sensor;
+    EXPECT_NEAR(found.position_m.x(), 0.3, 0.03);
+    EXPECT_NEAR(found.position_m.y(), -0.2, 0.03);
+    EXPECT_NEAR(found.yaw_rad, robot_T_sensor.yaw_rad, 0.02);
+    EXPECT_NEAR(static_cast<double>(proposal->options.time_offset.count()), -1e6 * late_s, 5e3);
+  }
+}
+
+TEST(SensorOptionSearchTest, ASensorThatSitsNearTheMiddleIsLeftThere) {
+  const auto proposal = SearchFlags(DriveWithSensorAt({{0.01, 0.01}, 0}, 0), {});
+  ASSERT_TRUE(proposal);
+  EXPECT_EQ(proposal->options.mount.robot_T_sensor.position_m, Eigen::Vector2d(0, 0));
+  EXPECT_EQ(proposal->options.mount.robot_T_sensor.yaw_rad, 0);
+}
+
+TEST(SensorOptionSearchTest, AnOffsetBetweenTheStepsOfTheSearchIsFoundToTheMillisecond) {
+  for (const double late_s : {0.012, 0.387, -0.662}) {
+    const auto proposal = SearchFlags(DriveWithSensorAt({}, late_s), {});
+    ASSERT_TRUE(proposal);
+    EXPECT_NEAR(static_cast<double>(proposal->options.time_offset.count()), -1e6 * late_s, 3e3);
+  }
+}
+
 TEST(SensorOptionSearchTest, LateStampsAndASlowSensorAreFound) {
   const auto proposal = SearchFlags(Drive({.stamp_late_s = 0.3}), SensorOptions());
   ASSERT_TRUE(proposal);
@@ -104,12 +149,12 @@ TEST(ScanWithTest, NamesThePresetThatNeedsTheFewestOptions) {
 }
 
 TEST(ScanWithTest, KeepsWhatASearchDoesNotChange) {
-  const std::string given =
-      "LIDAR:bot_core,bearing_sign=-1,range_max_m=8,x_m=0.5,mask=1..2,mask=3..4";
+  const std::string given = "LIDAR:bot_core,bearing_sign=-1,range_max_m=8,mask=1..2,mask=3..4";
   EXPECT_EQ(FlagWith(given, "bot_core", SensorOptionsOf({}, "mbot_2024")),
-            "LIDAR:mbot_2024,range_max_m=8,x_m=0.5,mask=1..2,mask=3..4");
+            "LIDAR:mbot_2024,range_max_m=8,mask=1..2,mask=3..4");
   SensorOptions turned;
-  turned.mount.robot_T_sensor.yaw_rad = 1;
+  turned.mount.robot_T_sensor = {{0.5, 0}, 1};
+  EXPECT_EQ(FlagWith("LIDAR", "bot_core", turned), "LIDAR:bot_core,x_m=0.5,yaw_deg=57.29578");
   EXPECT_EQ(FlagWith("LIDAR,extrinsics_channel=MOUNT", "bot_core", turned),
             "LIDAR:bot_core,extrinsics_channel=MOUNT");
 }
