@@ -13,6 +13,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_split.h"
 #include "clients/splinemap/print.h"
+#include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 #include "splinemap/queryable_map.h"
 
@@ -94,8 +95,7 @@ absl::Status AnswerFile(const QueryableMap& map, const LineFlags& flags,
   std::vector<std::optional<Row>> batch;
   int64_t invalid = 0;
   for (int64_t number = 1; std::getline(in, line); ++number) {
-    constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
-    if (number == 1 && line.starts_with(kByteOrderMark)) line.erase(0, kByteOrderMark.size());
+    if (number == 1) line = std::string(WithoutByteOrderMark(line));
     std::optional<Row> row = ParseRow(line, answers);
     if (number == 1 && !row && IsHeader(line)) {
       if (!flags.json) fmt::print("{}\n", answers.columns);

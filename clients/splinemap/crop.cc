@@ -30,10 +30,7 @@ LayerSet Cropped(const LayerSet& map, const Region& region) {
   for (const LayerSnapshot& layer : map.layers) {
     const LayerSettings& settings = map.settings.Of(layer.id);
     const double knot_m = map.options.knot_interval_m;
-    const double x_m = settings.shift.i * knot_m;
-    const double y_m = settings.shift.j * knot_m;
-    const TileBox box = TilesOf(
-        {region.x0_m - x_m, region.y0_m - y_m, region.x1_m - x_m, region.y1_m - y_m}, knot_m);
+    const TileBox box = TilesOf(InLayerFrame(region, settings.shift, knot_m), knot_m);
     TileTreeEditor tiles;
     layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
       if (box.Contains(key)) tiles.Put(key, entry.tile, entry.revision);

@@ -60,6 +60,12 @@ std::string PlainText(std::string_view text) {
   return plain;
 }
 
+std::string_view WithoutByteOrderMark(std::string_view text) {
+  constexpr std::string_view kMark = "\xEF\xBB\xBF";
+  if (text.starts_with(kMark)) text.remove_prefix(kMark.size());
+  return text;
+}
+
 std::string PlainLines(std::string_view text) {
   const size_t end = text.find('\n');
   if (end == std::string_view::npos) return PlainText(text);

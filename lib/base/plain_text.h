@@ -12,4 +12,7 @@ std::string PlainText(std::string_view text);
 // As that, but lines stay lines, as in errors that list something.
 std::string PlainLines(std::string_view text);
 
+// A text file without the mark of UTF-8 that editors of Windows put before its first line.
+std::string_view WithoutByteOrderMark(std::string_view text);
+
 }  // namespace splinemap

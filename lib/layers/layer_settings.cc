@@ -27,6 +27,12 @@ uint64_t HashOf(const LayerId& id, const LayerSettings& setting) {
 
 }  // namespace
 
+Region InLayerFrame(const Region& region, KnotShift shift, double knot_interval_m) {
+  const double x_m = shift.i * knot_interval_m;
+  const double y_m = shift.j * knot_interval_m;
+  return {region.x0_m - x_m, region.y0_m - y_m, region.x1_m - x_m, region.y1_m - y_m};
+}
+
 bool LayerSettings::IsValid() const {
   const auto is_within = [](int32_t knots) {
     return knots >= -KnotShift::kMax && knots <= KnotShift::kMax;

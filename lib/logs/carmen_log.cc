@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "absl/strings/numbers.h"
+#include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 #include "lib/logs/gz_file.h"
 
@@ -334,13 +335,12 @@ absl::StatusOr<CarmenLog> ReadCarmenLog(const std::string& path,
                                         std::optional<double> field_of_view_rad,
                                         absl::FunctionRef<void(double)> progress) {
   SPLINEMAP_ASSIGN_OR_RETURN(GzFile file, GzFile::Open(path));
-  constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
   Contents contents;
   std::string text;
   int64_t line_number = 0;
   while (file.ReadLine(text)) {
     if (++line_number % 256 == 1) progress(file.ShareRead());
-    if (line_number == 1 && text.starts_with(kByteOrderMark)) text.erase(0, kByteOrderMark.size());
+    if (line_number == 1) text = std::string(WithoutByteOrderMark(text));
     contents.Read(text, line_number);
   }
   const bool is_flaser = contents.flaser.lines.size() >= contents.robot_laser.lines.size() &&

@@ -163,10 +163,7 @@ LayerFollower::Subset MapFollower::SubsetFor(const LayerId& id) const {
     // Layers are shifted by knots of level 0, and the region is of the map frame.
     const double fine_m =
         std::ldexp(map_options_->knot_interval_m, -options_.level_of_detail.level);
-    const KnotShift shift = settings().Of(id).shift;
-    const Region& region = *options_.region;
-    subset.box = TilesOf({region.x0_m - shift.i * fine_m, region.y0_m - shift.j * fine_m,
-                          region.x1_m - shift.i * fine_m, region.y1_m - shift.j * fine_m},
+    subset.box = TilesOf(InLayerFrame(*options_.region, settings().Of(id).shift, fine_m),
                          map_options_->knot_interval_m);
   }
   return subset;

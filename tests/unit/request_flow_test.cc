@@ -165,7 +165,7 @@ TEST_F(RequestFlowTest, WhoIsMissingIsSaid) {
   const std::string text(statuses_[0].message());
   EXPECT_NE(text.find("nobody"), std::string::npos) << text;
   EXPECT_NE(text.find("not only that of robot"), std::string::npos) << text;
-  EXPECT_NE(text.find("MAP_POINTS_REQUESTS"), std::string::npos) << text;
+  EXPECT_NE(text.find("channel_prefix MAP"), std::string::npos) << text;
 }
 
 TEST_F(RequestFlowTest, LostAndDoubledMessagesChangeNoAnswer) {

@@ -6,6 +6,7 @@
 #include <map>
 
 #include "splinemap/layer.h"
+#include "splinemap/region.h"
 
 namespace splinemap {
 
@@ -18,6 +19,9 @@ struct KnotShift {
   int32_t j = 0;
   auto operator<=>(const KnotShift&) const = default;
 };
+
+// A part of the map in the frame of a layer that is shifted.
+Region InLayerFrame(const Region& region, KnotShift shift, double knot_interval_m);
 
 // What people have decided about one layer, beside what its owner has measured. Everybody on a bus
 // keeps the records of all layers, and passes them on.
