@@ -53,7 +53,7 @@ following=lib/replication/map_follower.cc
 settings=lib/layers/layer_settings.cc
 sum=lib/map/summed_layers.cc
 
-mutate own_messages_are_ignored "$following" 'if \(SpeakerOf\(message\) == speaker_\) return;' ''
+mutate own_messages_are_ignored "$following" 'if \(SpeakerOf\(message\) == speaker_\) return false;' ''
 mutate owner_is_told_by_its_speaker lib/replication/protocol.h 'digest\.speaker == digest\.layer\.session_nonce' 'true'
 mutate publishers_name_their_speaker "$publisher" 'digest\.speaker = speaker_;' ''
 mutate greater_session_replaces "$follower" 'ref\.session > \*session_\) StartSession' 'false) StartSession'
@@ -118,7 +118,7 @@ mutate bus_decides_where_it_may "$following" 'if \(!options_\.takes_settings\)' 
 mutate most_layers_decide_options "$following" 'if \(map_options_ && votes_for[^;]*;' 'if (map_options_ && votes_for(options) > 0) return;'
 mutate empty_layers_make_room "$following" '&& !MakeRoom\(now\)' ''
 mutate empty_layers_are_forgotten "$following" 'copy\.IsEmpty\(\) && Seconds' 'false && Seconds'
-mutate own_layer_is_not_followed "$following" 'keeper_ && ref\.id == keeper_->own_layer' 'false'
+mutate own_layer_is_not_followed "$following" 'keeper_ && id == keeper_->own_layer\) return false' 'false) return false'
 mutate removed_sessions_are_ignored "$following" 'settings\(\)\.Of\(ref\.id\)\.IsRemoved\(ref\.session\)' 'false'
 mutate removed_copies_are_dropped "$following" 'const bool is_removed = [^;]*;' 'const bool is_removed = false;'
 mutate removals_are_not_undone "$settings" 'std::max\(a\.removed_up_to, b\.removed_up_to\)' 'merged.removed_up_to'
