@@ -11,7 +11,10 @@ if [[ ${1:-} == --inside ]]; then
   ip route add 224.0.0.0/4 dev lo
   exec "$@"
 fi
-(($#)) || { echo "usage: own_bus.sh COMMAND.." >&2; exit 2; }
+if ((!$#)) || [[ $1 == -* ]]; then
+  echo "usage: own_bus.sh COMMAND..    runs it on an LCM bus of its own, which no robot hears" >&2
+  exit 2
+fi
 
 for unshare in "unshare -n" "unshare -rn"; do
   # shellcheck disable=SC2086  # words of a command

@@ -8,6 +8,7 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/print.h"
+#include "fmt/ranges.h"
 #include "lib/base/clock.h"
 #include "lib/base/status.h"
 #include "lib/replication/map_follower.h"
@@ -67,8 +68,12 @@ absl::StatusOr<std::unique_ptr<MapReplica>> FollowUntilCaughtUp(const BusFlags& 
   }
   const std::string missing = WhatIsMissing(*replica, options.names);
   if (missing.empty() && replica->FollowedLayers().empty()) {
-    return Unavailable("no map was received on {}_DIGESTS in {:g} s; is splinemapd on this bus?",
-                       bus.channel_prefix, bus.timeout_s);
+    const std::string of_robots =
+        options.names.empty() ? ""
+                              : PlainText(fmt::format(" of {}", fmt::join(options.names, ", ")));
+    return Unavailable("no map{} was received on {}_DIGESTS in {:g} s; is splinemapd on this bus?{}",
+                       of_robots, bus.channel_prefix, bus.timeout_s,
+                       of_robots.empty() ? "" : " splinemap watch shows who is there");
   }
   return Unavailable("the map has not caught up after {:g} s{}; --timeout gives it more time",
                      bus.timeout_s, missing);

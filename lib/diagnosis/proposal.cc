@@ -390,6 +390,23 @@ const std::string& BusiestOf(const Survey& survey, const config::Config& config)
 
 }  // namespace
 
+// Scans that the poses of another channel place far better are of another robot.
+absl::Status CheckOneRobot(const Proposal& proposal) {
+  constexpr double kOtherRobot = 2;  // times as many cells
+  for (const FlagTrial& chosen : proposal.trials) {
+    if (chosen.pose != proposal.pose || !chosen.flags) continue;
+    for (const FlagTrial& other : proposal.trials) {
+      if (other.scan != chosen.scan || !other.flags) continue;
+      if (chosen.flags->spread < kOtherRobot * other.flags->spread) continue;
+      return InvalidArgument(
+          "these are two robots: the hits of {} lie in {:.0f} cells with the poses of {}, and in "
+          "{:.0f} with those of {}. Give the channels of one robot with --scan and --pose",
+          chosen.scan, chosen.flags->spread, chosen.pose, other.flags->spread, other.pose);
+    }
+  }
+  return absl::OkStatus();
+}
+
 absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& given) {
   config::Config config = given;
   SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<std::string> poses, ChannelsToTry(survey, config));
@@ -408,6 +425,7 @@ absl::StatusOr<Proposal> Propose(const Survey& survey, const config::Config& giv
         "this map");
   }
   proposal.pose = sharpest != nullptr ? sharpest->pose : poses.front();
+  SPLINEMAP_RETURN_IF_ERROR(CheckOneRobot(proposal));
   proposal.scan_flags = ScanFlags(survey, config, proposal.trials, proposal.pose);
   for (const config::Scan& scan : config.scan()) {
     const FlagTrial* const trial = TrialOf(proposal.trials, scan.channel(), proposal.pose);

@@ -346,6 +346,15 @@ std::string Mapper::WhyWithoutPoses(int index) const {
   if (std::abs(ahead_ms) < kOtherClock_ms) {
     return fmt::format("Do poses come regularly on {}?", pose_channel_);
   }
+  const double ratio = static_cast<double>(newest_pose_utime_->count()) /
+                       static_cast<double>(std::max<int64_t>(channel.newest_utime->count(), 1));
+  for (const auto& [unit, per_second] : {std::pair("milliseconds", 1e3), std::pair("seconds", 1.0)}) {
+    if (std::abs(ratio * per_second / 1e6 - 1) > 0.01) continue;
+    return fmt::format(
+        "Its stamps seem to be {}, and messages have microseconds: mend the sender, or use the time "
+        "of reception, --scan {}:stamp=receive",
+        unit, channel.config.channel());
+  }
   const int64_t mending_ms = channel.options->time_offset.count() / 1000 - ahead_ms;
   return fmt::format(
       "They are stamped {:.1f} s {} the poses of {}. Has {} stopped, or is it another clock? If it "

@@ -9,8 +9,8 @@
 
 namespace splinemap {
 
-// Compares the layers of a daemon with each other from time to time: every 10 s where they change,
-// and for a hundredth of the time at most. Thread-compatible.
+// Compares the layers of a daemon with each other from time to time: every 10 s where they change, at
+// once where their settings do, and for a hundredth of the time at most. Thread-compatible.
 class ContradictionWatch {
  public:
   explicit ContradictionWatch(Clock::time_point now) : due_(now + kInterval) {}
@@ -22,7 +22,8 @@ class ContradictionWatch {
  private:
   static constexpr std::chrono::seconds kInterval{10};
 
-  Clock::time_point due_;
+  Clock::time_point due_;       // where tiles changed
+  Clock::time_point earliest_;  // where settings did
   std::shared_ptr<const LayerSet> compared_;
   std::map<LayerId, Contradiction> contradictions_;
 };

@@ -53,7 +53,7 @@ std::vector<layer_status_t> LayerReport::Make(const LayerSet& set,
       status.x1_m = box->x1_m;
       status.y1_m = box->y1_m;
     }
-    if (const auto found = contradictions.find(layer.id); found != contradictions.end()) {
+    if (const auto found = contradictions.find(layer.id); found != contradictions.end() && status.num_tiles > 0) {
       status.contradicted = found->second.share().value_or(-1);
     }
     present.insert(summaries_.extract(layer.id));

@@ -223,7 +223,13 @@ void StatusReporter::CheckContradictions() {
   if (!contradictions_.Check(parts_.newest)) return;
   const std::set<LayerId> before = std::exchange(contradicting_, {});
   for (const auto& [id, contradiction] : contradictions_.contradictions()) {
-    if (!contradiction.IsTooMuch()) continue;
+    if (!contradiction.IsTooMuch()) {
+      if (!before.contains(id)) continue;
+      parts_.notices.Report({.is_problem = false,
+                             .subject = "agrees " + id.name,
+                             .text = fmt::format("the layer of {} agrees with the others", id.name)});
+      continue;
+    }
     contradicting_.insert(id);
     if (before.contains(id)) continue;
     parts_.notices.ReportProblem(

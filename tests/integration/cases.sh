@@ -71,6 +71,12 @@ says no_return_29.995m 0 "that is how the sensor says no return"
 says scan_stamps_in_ms 0 "its time stamps seem to be milliseconds"
 says scan_stamps_zero 0 "its time stamps do not count"
 
+# build names the unit as well, and no offset between clocks.
+log_of scan_stamps_in_ms
+splinemap build "$log" unit.splinemap --scan LASER --pose POSE > out 2>&1 || true
+grep -q "Its stamps seem to be milliseconds" out || fail "no unit: $(cat out)"
+if grep -q "time_offset_ms" out; then fail "an offset: $(cat out)"; fi
+
 # What says nothing is no map.
 for name in ranges_in_mm hall_120m pitch_20deg two_pose_frames; do
   log_of "$name"

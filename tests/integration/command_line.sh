@@ -252,7 +252,7 @@ expect 0 splinemap doctor two.lcmlog --json  # the poses that are not as sparse
 [[ $(jq '[.trials[].scans_compared] | unique | length' out) == 1 ]] || fail "the same scans: $(cat out)"
 # What may be repeated takes one value each time: what follows is a file.
 expect 1 splinemap snapshot --robot one --robot two x.splinemap --lcm-url memq:// --timeout 0.1
-expect_text "no map was received" err
+expect_text "no map of one, two was received" err
 expect 2 splinemap doctor
 expect 2 splinemap doctor two.lcmlog --live
 expect 2 splinemap doctor two.lcmlog --scan LASER,mask=foo

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <thread>
 #include <vector>
 
 #include "lib/map/summed_layers.h"
@@ -102,6 +103,20 @@ TEST(ContradictionWatchTest, ComparesWhatChangedAfterAWhile) {
   EXPECT_TRUE(watch.contradictions().at(kOne).IsTooMuch());
   EXPECT_TRUE(watch.contradictions().at(kTwo).IsTooMuch());
   EXPECT_FALSE(watch.Check(newest));
+  // Settings count at once, tiles after a while.
+  MapRoom(two, 61);
+  newest.SetFollowed({two.Snapshot()}, {});
+  EXPECT_FALSE(watch.Check(newest));
+  SettingsTable settings;
+  settings.Merge(kTwo, {.shift = {0, -11}, .counter = 1});
+  newest.SetFollowed({two.Snapshot()}, settings);
+  bool is_checked = false;
+  for (int k = 0; k < 1000 && !is_checked; ++k) {
+    is_checked = watch.Check(newest);
+    if (!is_checked) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  ASSERT_TRUE(is_checked);
+  EXPECT_FALSE(watch.contradictions().at(kTwo).IsTooMuch());
 }
 
 }  // namespace splinemap::contradictions_test

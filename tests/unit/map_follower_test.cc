@@ -258,6 +258,16 @@ TEST(MapFollowerTest, ALayerThatADaemonHasAndNobodyDigestsIsMissing) {
   EXPECT_EQ(follower.FollowedLayers(now).size(), 2u);
 }
 
+TEST(MapFollowerTest, ARemovedSessionIsNotFollowedAgain) {
+  Owner one("one", 1);
+  one.Commit({0, 0}, 100);
+  MapFollower follower({}, kSpeaker);
+  one.SpeakTo(follower, kBegin);
+  follower.HandleBytes(SettingsMessage({"one", 1}, Setting(1, false, 1)), kBegin);
+  one.SpeakTo(follower, kBegin + milliseconds(1000));
+  EXPECT_TRUE(follower.FollowedLayers(kBegin + milliseconds(1000)).empty());
+}
+
 TEST(MapFollowerTest, WhatIsNotFollowedIsNotMissing) {
   Owner one("one", 1);
   one.Commit({0, 0}, 100);

@@ -66,6 +66,28 @@ TEST_F(ProposalTest, TakesTheSharperPosesAndThePresetThatFits) {
   EXPECT_EQ(proposal->trials[0].scans, proposal->trials[1].scans) << "the same ones";
 }
 
+TEST_F(ProposalTest, TwoRobotsInOneLogAreSaid) {
+  const auto drive = [&](const std::string& robot, double turn) {
+    DriveInRoom({.sign = -1}, turn,
+                [&](const TimedPose& pose) {
+                  Add(robot + "_POSE", pose.utime, Encode(PoseMessage(pose)));
+                },
+                [&](const RangeReadings& readings) {
+                  Add(robot + "_LIDAR", readings.utime, Encode(LidarMessage(readings)));
+                });
+  };
+  drive("one", 1);
+  drive("two", -0.6);
+  const auto proposal = Propose(survey_, {});
+  ASSERT_TRUE(absl::IsInvalidArgument(proposal.status())) << proposal.status();
+  EXPECT_NE(proposal.status().message().find("two robots"), std::string::npos);
+  config::Config given;
+  given.add_scan()->set_channel("two_LIDAR");
+  const auto of_one = Propose(survey_, given);
+  ASSERT_TRUE(of_one.ok()) << of_one.status();
+  EXPECT_EQ(of_one->pose, "two_POSE");
+}
+
 TEST_F(ProposalTest, ProposesWhatDiffersFromThePreset) {
   Drive({.sign = 1, .stamp_late_s = 0.4});
   const auto proposal = Propose(survey_, {});

@@ -100,7 +100,7 @@ TEST_F(SummedLayersTest, IsTheSumOfWhatIsThereWhateverHappenedBefore) {
   SummedLayers backwards;
   std::shared_ptr<const MapView> shown = std::make_shared<MapView>();
   int changes = 0;
-  for (int step = 0; step < 80; ++step) {
+  for (int step = 0; step < 150; ++step) {
     Step(random);
     LayerSet set = Layers();
     const auto view = sum.Update(set);
