@@ -50,8 +50,8 @@ Examples:
 
 Checks whether a disc can move along the path through these points, or stand at one point. Prints
 what it touches first, whether bounds of the surface alone prove that (certified), the length of
-path that is free, and a point of contact (nan where free). Exit status: 0 free; 1 not free, or failed
-and nothing is on stdout; 2 usage.)";
+path that is free, and a point of contact (nan where free). Exit status: 0 free; 1 not free, or
+failed and nothing is on stdout; 2 usage.)";
 
 }  // namespace
 

@@ -48,9 +48,9 @@ Examples:
 
 Prints the distance to the nearest occupied point, and its gradient, which points away from the
 obstacle. Where none is nearer than --max-distance, "found" is 0 and the distance is that. Unknown
-space is no obstacle: splinemap query tells what is known. --points reads lines x_m,y_m, ignores further
-columns, and prints one line for each; a header yields a header. --live sends 10,000 lines at a
-time.)";
+space is no obstacle: splinemap query tells what is known. --points reads lines x_m,y_m, ignores
+further columns, and prints one line for each; a header yields a header. --live sends 10,000 lines
+at a time.)";
 
 }  // namespace
 

@@ -71,9 +71,10 @@ absl::StatusOr<std::unique_ptr<MapReplica>> FollowUntilCaughtUp(const BusFlags& 
     const std::string of_robots =
         options.names.empty() ? ""
                               : PlainText(fmt::format(" of {}", fmt::join(options.names, ", ")));
-    return Unavailable("no map{} was received on {}_DIGESTS in {:g} s; is splinemapd on this bus?{}",
-                       of_robots, bus.channel_prefix, bus.timeout_s,
-                       of_robots.empty() ? "" : " splinemap watch shows who is there");
+    return Unavailable(
+        "no map{} was received on {}_DIGESTS in {:g} s; is splinemapd on this bus?{}", of_robots,
+        bus.channel_prefix, bus.timeout_s,
+        of_robots.empty() ? "" : " splinemap watch shows who is there");
   }
   return Unavailable("the map has not caught up after {:g} s{}; --timeout gives it more time",
                      bus.timeout_s, missing);

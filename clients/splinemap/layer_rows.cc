@@ -18,8 +18,8 @@
 namespace splinemap {
 namespace {
 
-constexpr std::array kHeader{"layer", "state",   "heard_s", "session", "commits",
-                             "tiles", "area_m2", "contradicted", "box_m", "hash", "settings"};
+constexpr std::array kHeader{"layer",   "state",        "heard_s", "session", "commits", "tiles",
+                             "area_m2", "contradicted", "box_m",   "hash",    "settings"};
 using TableRow = std::array<std::string, kHeader.size()>;
 
 TableRow CellsOf(const LayerRow& layer) {

@@ -348,10 +348,12 @@ std::string Mapper::WhyWithoutPoses(int index) const {
   }
   const double ratio = static_cast<double>(newest_pose_utime_->count()) /
                        static_cast<double>(std::max<int64_t>(channel.newest_utime->count(), 1));
-  for (const auto& [unit, per_second] : {std::pair("milliseconds", 1e3), std::pair("seconds", 1.0)}) {
+  for (const auto& [unit, per_second] :
+       {std::pair("milliseconds", 1e3), std::pair("seconds", 1.0)}) {
     if (std::abs(ratio * per_second / 1e6 - 1) > 0.01) continue;
     return fmt::format(
-        "Its stamps seem to be {}, and messages have microseconds: mend the sender, or use the time "
+        "Its stamps seem to be {}, and messages have microseconds: mend the sender, or use the "
+        "time "
         "of reception, --scan {}:stamp=receive",
         unit, channel.config.channel());
   }

@@ -9,8 +9,8 @@
 
 namespace splinemap {
 
-// Compares the layers of a daemon with each other from time to time: every 10 s where they change, at
-// once where their settings do, and for a hundredth of the time at most. Thread-compatible.
+// Compares the layers of a daemon with each other from time to time: every 10 s where they change,
+// at once where their settings do, and for a hundredth of the time at most. Thread-compatible.
 class ContradictionWatch {
  public:
   explicit ContradictionWatch(Clock::time_point now) : due_(now + kInterval) {}

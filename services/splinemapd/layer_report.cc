@@ -23,9 +23,9 @@ const char* StateOf(const FollowedLayer& layer) {
 
 }  // namespace
 
-std::vector<layer_status_t> LayerReport::Make(const LayerSet& set,
-                                              const std::vector<FollowedLayer>& followed,
-                                              const std::map<LayerId, Contradiction>& contradictions) {
+std::vector<layer_status_t> LayerReport::Make(
+    const LayerSet& set, const std::vector<FollowedLayer>& followed,
+    const std::map<LayerId, Contradiction>& contradictions) {
   std::vector<layer_status_t> statuses;
   std::map<LayerId, Summary> present;
   for (const LayerSnapshot& layer : set.layers) {
@@ -53,7 +53,8 @@ std::vector<layer_status_t> LayerReport::Make(const LayerSet& set,
       status.x1_m = box->x1_m;
       status.y1_m = box->y1_m;
     }
-    if (const auto found = contradictions.find(layer.id); found != contradictions.end() && status.num_tiles > 0) {
+    if (const auto found = contradictions.find(layer.id);
+        found != contradictions.end() && status.num_tiles > 0) {
       status.contradicted = found->second.share().value_or(-1);
     }
     present.insert(summaries_.extract(layer.id));
