@@ -11,8 +11,6 @@
 #include "clients/splinemap/progress.h"
 #include "lib/base/status.h"
 #include "lib/logs/carmen_log.h"
-#include "lib/logs/lcm_log.h"
-#include "lib/wire/encode.h"
 
 namespace splinemap {
 namespace {
@@ -36,17 +34,7 @@ absl::StatusOr<int> ImportCarmen(const ImportCarmenFlags& flags) {
         log, ReadCarmenLog(flags.log, field_of_view_rad, [&](double share) { bar.Show(share); }));
   }
   const RepairedTimes times = RepairTimes(log.scans, flags.rate_hz);
-  SPLINEMAP_ASSIGN_OR_RETURN(LcmLogWriter writer, LcmLogWriter::Create(flags.output.path));
-  for (size_t k = 0; k < log.scans.size(); ++k) {
-    const CarmenScan& scan = log.scans[k];
-    const Utime utime = times.utimes[k];
-    SPLINEMAP_RETURN_IF_ERROR(
-        writer.Write(utime, "POSE", PoseMessage({utime, scan.world_T_laser})));
-    SPLINEMAP_RETURN_IF_ERROR(writer.Write(
-        utime, "LASER",
-        PlanarLidarMessage(utime, scan.ranges_m, scan.first_bearing_rad, scan.bearing_step_rad)));
-  }
-  SPLINEMAP_RETURN_IF_ERROR(writer.Close());
+  SPLINEMAP_RETURN_IF_ERROR(WriteAsLcmLog(log, times.utimes, flags.output.path));
 
   PrintLine(stderr, "{} scans and poses written to {}, from {} lines", log.scans.size(),
             flags.output.path, log.kind);

@@ -12,6 +12,8 @@
 #include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 #include "lib/logs/gz_file.h"
+#include "lib/logs/lcm_log.h"
+#include "lib/wire/encode.h"
 
 namespace splinemap {
 namespace {
@@ -390,6 +392,21 @@ RepairedTimes RepairTimes(const std::vector<CarmenScan>& scans, double rate_hz) 
                               (plausible ? Utime(std::llround(step_s * 1e6)) : substitute));
   }
   return repaired;
+}
+
+absl::Status WriteAsLcmLog(const CarmenLog& log, const std::vector<Utime>& utimes,
+                           const std::string& path) {
+  SPLINEMAP_ASSIGN_OR_RETURN(LcmLogWriter writer, LcmLogWriter::Create(path));
+  for (size_t k = 0; k < log.scans.size(); ++k) {
+    const CarmenScan& scan = log.scans[k];
+    const Utime utime = utimes[k];
+    SPLINEMAP_RETURN_IF_ERROR(
+        writer.Write(utime, "POSE", PoseMessage({utime, scan.world_T_laser})));
+    SPLINEMAP_RETURN_IF_ERROR(writer.Write(
+        utime, "LASER",
+        PlanarLidarMessage(utime, scan.ranges_m, scan.first_bearing_rad, scan.bearing_step_rad)));
+  }
+  return writer.Close();
 }
 
 }  // namespace splinemap

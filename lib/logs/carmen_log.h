@@ -61,4 +61,9 @@ struct RepairedTimes {
 // rate_hz > 0.
 RepairedTimes RepairTimes(const std::vector<CarmenScan>& scans, double rate_hz);
 
+// Writes an LCM log of the scans on LASER and their poses on POSE, as bot_core messages with these
+// time stamps, one a scan.
+absl::Status WriteAsLcmLog(const CarmenLog& log, const std::vector<Utime>& utimes,
+                           const std::string& path);
+
 }  // namespace splinemap

@@ -174,18 +174,7 @@ absl::StatusOr<Verdict> Judge(int number, const Flags& flags, const std::string&
 absl::Status ImportCarmen(const std::string& path, const std::string& log) {
   SPLINEMAP_ASSIGN_OR_RETURN(const CarmenLog carmen,
                              ReadCarmenLog(path, std::nullopt, [](double) {}));
-  const RepairedTimes times = RepairTimes(carmen.scans, 10);
-  SPLINEMAP_ASSIGN_OR_RETURN(LcmLogWriter writer, LcmLogWriter::Create(log));
-  for (size_t k = 0; k < carmen.scans.size(); ++k) {
-    const CarmenScan& scan = carmen.scans[k];
-    const Utime utime = times.utimes[k];
-    SPLINEMAP_RETURN_IF_ERROR(
-        writer.Write(utime, "POSE", PoseMessage({utime, scan.world_T_laser})));
-    SPLINEMAP_RETURN_IF_ERROR(writer.Write(
-        utime, "LASER",
-        PlanarLidarMessage(utime, scan.ranges_m, scan.first_bearing_rad, scan.bearing_step_rad)));
-  }
-  return writer.Close();
+  return WriteAsLcmLog(carmen, RepairTimes(carmen.scans, 10).utimes, log);
 }
 
 // All of a log that is mapped with the options, in the cells that its hits lie in.
