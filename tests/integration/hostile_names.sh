@@ -26,7 +26,7 @@ run() {
   expect "$wanted" "$@"
   plain out err
   for name in "${names[@]}"; do
-    cat out err | grep -qF "$name" || fail "no $name: $* : $(cat out err)"
+    grep -qF "$name" out err || fail "no $name: $* : $(cat out err)"
   done
 }
 json() {
@@ -36,8 +36,8 @@ json() {
 
 # Maps.
 layers="Xfirst Xsecond Xmuted"
-hostile_names map a.splinemap
-hostile_names map b.splinemap
+hostile_names map a.splinemap 40
+hostile_names map b.splinemap 50
 run 0 "$layers" splinemap info a.splinemap
 json 0 "$layers" splinemap info a.splinemap
 run 0 "$layers" splinemap layers a.splinemap

@@ -1,11 +1,12 @@
-// hostile_names bus | log FILE | map FILE: escape codes, line ends and bytes that are no UTF-8 in
+// hostile_names bus | log FILE | map FILE VALUE: escape codes, line ends and bytes that are no UTF-8 in
 // every text that splinemap takes. Publishes them, as daemons and robots would, and answers who
-// asks; or writes a log whose channels, or a map whose layers have such names.
+// asks; or writes a log whose channels, or a map of one value whose layers have such names.
 #include <fmt/format.h>
 
 #include <chrono>
 #include <cmath>
 #include <string>
+#include <vector>
 
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_status_t.hpp"
@@ -126,12 +127,12 @@ absl::Status WriteLog(const std::string& path) {
   return writer.Close();
 }
 
-absl::Status WriteMap(const std::string& path) {
+absl::Status WriteMap(const std::string& path, ControlPoint value) {
   MapWriter map({0.05, {-2560, 2560}});
   for (const char* name : {"Xfirst", "Xsecond", "Xmuted"}) {
     Layer& layer = map.AddLayer({Hostile(name), RandomId()}, {1, 1});
     layer.BeginCommit();
-    layer.EditTile({0, 0}).control_points.fill(static_cast<ControlPoint>(1 + RandomId() % 100));
+    layer.EditTile({0, 0}).control_points.fill(value);
   }
   LayerSet set = map.Layers();
   LayerSettings muted;
@@ -143,16 +144,19 @@ absl::Status WriteMap(const std::string& path) {
   return file.Close();
 }
 
-absl::Status Run(const std::string& what, const std::string& path) {
-  if (what == "log") return WriteLog(path);
-  return what == "map" ? WriteMap(path) : Shout();
+absl::Status Run(const std::vector<std::string>& words) {
+  if (words.size() == 2 && words[0] == "log") return WriteLog(words[1]);
+  if (words.size() == 3 && words[0] == "map") {
+    return WriteMap(words[1], static_cast<ControlPoint>(std::stoi(words[2])));
+  }
+  return words == std::vector<std::string>{"bus"} ? Shout() : absl::InvalidArgumentError("bus | log FILE | map FILE VALUE");
 }
 
 }  // namespace
 }  // namespace splinemap
 
 int main(int argc, char** argv) {
-  const absl::Status status = splinemap::Run(argc > 1 ? argv[1] : "bus", argc > 2 ? argv[2] : "");
+  const absl::Status status = splinemap::Run({argv + 1, argv + argc});
   if (!status.ok()) fmt::print(stderr, "hostile_names: {}\n", splinemap::ErrorText(status));
   return status.ok() ? 0 : 1;
 }
