@@ -65,7 +65,7 @@ config::Method WithPreset(const config::Method& method) {
     merged.set_clamp_min(-100);
     merged.set_clamp_max(100);
     merged.set_kappa_free(-0.3);
-    merged.set_free_space("samples");
+    merged.set_update("paper_samples");
   }
   merged.MergeFrom(method);
   return merged;
@@ -161,7 +161,8 @@ absl::Status CheckConfig(const config::Config& config) {
   if (config.service().sensors() && (config.scan_size() == 0 || config.pose().empty())) {
     return InvalidArgument(
         "no {} channel: give --scan CHANNEL[:PRESET] and --pose CHANNEL, or scan {{ channel: .. }} "
-        "and pose: in a file for --config. What is on the bus shows: splinemap doctor --live; in a log: "
+        "and pose: in a file for --config. What is on the bus shows: splinemap doctor --live; in a "
+        "log: "
         "splinemap doctor LOG",
         config.scan_size() == 0 ? "scan" : "pose");
   }
@@ -240,8 +241,9 @@ MapOptions MapOptionsOf(const config::Method& method) {
 
 BeamModelOptions BeamModelOptionsOf(const config::Method& method) {
   const config::Method merged = WithPreset(method);
-  return {.free_space =
-              merged.free_space() == "samples" ? FreeSpace::kSamples : FreeSpace::kLineIntegral,
+  return {.update = merged.update() == "paper_samples" ? BeamUpdate::kPaperSamples
+                    : merged.update() == "paper_line"  ? BeamUpdate::kPaperLine
+                                                       : BeamUpdate::kSignedDistance,
           .kappa_hit = merged.kappa_hit(),
           .kappa_free = merged.kappa_free(),
           .free_sample_spacing_knots = merged.free_sample_spacing_knots()};

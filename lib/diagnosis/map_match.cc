@@ -8,16 +8,26 @@ namespace splinemap {
 namespace {
 
 constexpr size_t kHitsLookedUp = 30;
+constexpr int kLeastKnown = 5;  // of nine
 constexpr ControlPoint kFree = -1 * kUnitsPerLogOdds;
 
-// Of the control point nearest to a point; 0 where there is none.
-ControlPoint NearestControlPoint(const Eigen::Vector2d& point_m, const TileTree& tiles,
-                                 double knot_interval_m) {
+// Whether what is known of the control point nearest to a point and of those around it is free.
+bool IsFreeAround(const Eigen::Vector2d& point_m, const TileTree& tiles, double knot_interval_m) {
   const auto x = LocateKnot(point_m.x() + knot_interval_m / 2, knot_interval_m);
   const auto y = LocateKnot(point_m.y() + knot_interval_m / 2, knot_interval_m);
-  if (!x || !y) return 0;
-  const Tile* tile = tiles.Find(TileOf(x->index, y->index));
-  return tile == nullptr ? ControlPoint{0} : tile->control_points[IndexInTile(x->index, y->index)];
+  if (!x || !y) return false;
+  int known = 0;
+  for (int32_t j = y->index - 1; j <= y->index + 1; ++j) {
+    for (int32_t i = x->index - 1; i <= x->index + 1; ++i) {
+      const Tile* tile = tiles.Find(TileOf(i, j));
+      const ControlPoint c =
+          tile == nullptr ? ControlPoint{0} : tile->control_points[IndexInTile(i, j)];
+      if (c == 0) continue;
+      if (c >= kFree) return false;
+      ++known;
+    }
+  }
+  return known >= kLeastKnown;
 }
 
 }  // namespace
@@ -28,10 +38,11 @@ HitsInMap FindHits(const PlacedScan& scan, const TileTree& tiles, double knot_in
   for (size_t k = 0; k < scan.beams.size(); k += step) {
     const PlacedBeam& beam = scan.beams[k];
     if (!beam.hit) continue;
-    const ControlPoint value = NearestControlPoint(
-        beam.origin_world_m + beam.range_m * beam.direction_world, tiles, knot_interval_m);
     ++hits.looked_up;
-    if (value < kFree) ++hits.in_free;
+    if (IsFreeAround(beam.origin_world_m + beam.range_m * beam.direction_world, tiles,
+                     knot_interval_m)) {
+      ++hits.in_free;
+    }
   }
   return hits;
 }

@@ -1,6 +1,5 @@
 #include "lib/map/contradictions.h"
 
-
 #include "fmt/format.h"
 
 namespace splinemap {
@@ -8,6 +7,8 @@ namespace {
 
 // An obstacle, and free space below minus that: 1 log-odds.
 constexpr int kCertain = kUnitsPerLogOdds;
+// Knots that the faces of one thing may lie apart in two layers.
+constexpr int32_t kAround = 2;
 
 // Reads control points of one tree, neighbours one after the other.
 class ControlPointReader {
@@ -39,8 +40,8 @@ class OtherLayers {
   int At(int32_t i, int32_t j) { return sum_.At(i, j) - layer_.At(i - shift_.i, j - shift_.j); }
   bool Knows(int32_t i, int32_t j) { return At(i, j) != 0; }
   bool IsFreeAround(int32_t i, int32_t j) {
-    for (int32_t dj = -1; dj <= 1; ++dj) {
-      for (int32_t di = -1; di <= 1; ++di) {
+    for (int32_t dj = -kAround; dj <= kAround; ++dj) {
+      for (int32_t di = -kAround; di <= kAround; ++di) {
         if (At(i + di, j + dj) > -kCertain) return false;
       }
     }

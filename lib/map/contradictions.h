@@ -16,12 +16,12 @@ namespace splinemap {
 struct Contradiction {
   // With fewer points nothing is said.
   static constexpr int64_t kMinCompared = 100;
-  // Beyond that share the frames of layers are likely to differ: parts of one recorded drive have up
-  // to 3 %, with 0.1 m between their frames 4 to 10 %, with 0.3 m 21 to 38 %, turned 30 to 69 %.
+  // Beyond that share the frames of layers are likely to differ: parts of one recorded drive have
+  // up to 3 %, with 0.1 m between their frames 4 to 10 %, with 0.3 m 21 to 38 %, turned 30 to 69 %.
   static constexpr double kTooMuch = 0.2;
 
   int64_t compared = 0;      // control points: obstacles of the layer that the others know
-  int64_t contradicted = 0;  // of these, with free space alone in the others within a knot interval
+  int64_t contradicted = 0;  // of these, with free space alone in the others within two knots
 
   // Nothing where too little was compared.
   std::optional<double> share() const;

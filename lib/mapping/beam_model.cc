@@ -7,14 +7,19 @@
 
 namespace splinemap {
 BeamModel::BeamModel(const BeamModelOptions& options, double knot_interval_m)
-    : free_space_(options.free_space),
+    : update_(options.update),
       knots_per_m_(1 / knot_interval_m),
       free_sample_spacing_knots_(options.free_sample_spacing_knots),
       weights_(MakeTable(1 << PointSample::kWeightBits)),
       hit_weights_(MakeTable(options.kappa_hit * ScanScratch::kUnitsPerLogOdds)),
       free_weights_(MakeTable(options.kappa_free * ScanScratch::kUnitsPerLogOdds)),
-      free_lines_(options.kappa_free * ScanScratch::kUnitsPerLogOdds /
-                  options.free_sample_spacing_knots) {}
+      free_lines_(update_ == BeamUpdate::kSignedDistance
+                      ? FreeLineTable(SignedDistance::kWeightPerKnot, Footprint::kBasis)
+                      : FreeLineTable(options.kappa_free * ScanScratch::kUnitsPerLogOdds /
+                                          options.free_sample_spacing_knots,
+                                      Footprint::kNormalizedBasis)),
+      face_lines_(SignedDistance::kWeightPerKnot, Footprint::kLinear),
+      faces_(knots_per_m_) {}
 
 BeamModel::WeightTable BeamModel::MakeTable(double scale) {
   WeightTable table;
@@ -28,13 +33,28 @@ BeamModel::WeightTable BeamModel::MakeTable(double scale) {
 }
 
 void BeamModel::Accumulate(absl::Span<const PlacedBeam> beams, ScanScratch& scratch) {
+  if (update_ == BeamUpdate::kSignedDistance) {
+    AddSignedDistances(beams, scratch);
+  } else {
+    AddPaperUpdates(beams, scratch);
+  }
+}
+
+void BeamModel::AddSignedDistances(absl::Span<const PlacedBeam> beams, ScanScratch& scratch) {
+  scratch.AddFaceLines(beams, faces_.Find(beams),
+                       {.knots_per_m = knots_per_m_,
+                        .row_pairs = free_lines_.data(),
+                        .face_row_pairs = face_lines_.data()});
+}
+
+void BeamModel::AddPaperUpdates(absl::Span<const PlacedBeam> beams, ScanScratch& scratch) {
   samples_.clear();
   for (const PlacedBeam& beam : beams) {
     if (!beam.hit) continue;
     samples_.push_back(SampleAt(
         (beam.origin_world_m + beam.range_m * beam.direction_world) * knots_per_m_, hit_weights_));
   }
-  if (free_space_ == FreeSpace::kSamples) {
+  if (update_ == BeamUpdate::kPaperSamples) {
     for (const PlacedBeam& beam : beams) AddFreeSamples(beam);
   } else {
     // The last sample of (9) lies between one and two spacings before the hit. Over all phases that

@@ -5,21 +5,24 @@
 #include <vector>
 
 #include "absl/types/span.h"
+#include "lib/mapping/faces.h"
 #include "lib/mapping/free_line_table.h"
 #include "lib/mapping/scan_scratch.h"
 #include "splinemap/scan.h"
 
 namespace splinemap {
 
-// How a beam says that the space before its hit is free.
-enum class FreeSpace {
-  kSamples,       // the paper's (9): at points that lie free_sample_spacing_knots apart
-  kLineIntegral,  // the expectation of that over the phase of the points
+// What a beam says of the control points around it.
+enum class BeamUpdate {
+  kSignedDistance,  // how far they lie before or behind the face that it hits
+  kPaperSamples,    // the paper's (8) and (9): log-odds, those of free space at points that lie
+                    // free_sample_spacing_knots apart
+  kPaperLine,       // the expectation of that over the phase of the points
 };
 
-// Defaults are the paper's, but for the line integral.
 struct BeamModelOptions {
-  FreeSpace free_space = FreeSpace::kLineIntegral;
+  BeamUpdate update = BeamUpdate::kSignedDistance;
+  // Of the paper's updates.
   double kappa_hit = 0.9;                   // log-odds that a hit adds to the surface at its point
   double kappa_free = -0.3;                 // log-odds that a free sample adds
   double free_sample_spacing_knots = 1.41;  // distance of the free samples along a beam
@@ -30,13 +33,16 @@ inline constexpr double kMaxKappaHit = 4;
 inline constexpr double kMinKappaFree = -1.5;
 inline constexpr double kMinFreeSampleSpacingKnots = 1;
 
-// Turns placed beams into sums over control points: section III-A of the paper. Thread-compatible.
+// Turns placed beams into sums over control points. Thread-compatible.
 class BeamModel {
  public:
   BeamModel(const BeamModelOptions& options, double knot_interval_m);
 
-  // Adds the measurements of all beams to `scratch`: per hit kappa_hit at range r (8), and
-  // kappa_free over the free space before it (9), each by the update (35).
+  // Adds the measurements of all beams to `scratch`. Signed distances: up to near the hit control
+  // points are free; around it a control point's signed distance is that to the face, which is a
+  // plane through the hit, and so the surface's level 0 lies on the face, whatever the incidence.
+  // The paper's: per hit kappa_hit at range r (8), and kappa_free over the free space before it
+  // (9), each by the update (35).
   void Accumulate(absl::Span<const PlacedBeam> beams, ScanScratch& scratch);
 
  private:
@@ -47,14 +53,19 @@ class BeamModel {
   static WeightTable MakeTable(double scale);
   PointSample SampleAt(const Eigen::Vector2d& point_knots, const WeightTable& kappa_weights) const;
   void AddFreeSamples(const PlacedBeam& beam);
+  void AddSignedDistances(absl::Span<const PlacedBeam> beams, ScanScratch& scratch);
+  void AddPaperUpdates(absl::Span<const PlacedBeam> beams, ScanScratch& scratch);
 
-  FreeSpace free_space_;
+  BeamUpdate update_;
   double knots_per_m_;
   double free_sample_spacing_knots_;
   WeightTable weights_;       // NormalizedBasis, fixed point with PointSample::kWeightBits
   WeightTable hit_weights_;   // the same times kappa_hit, in units of the scratch
   WeightTable free_weights_;  // and times kappa_free
   FreeLineTable free_lines_;
+  FreeLineTable face_lines_;
+
+  FaceFinder faces_;
 
   std::vector<PointSample> samples_;  // of the beams at hand; kept for its memory
 };

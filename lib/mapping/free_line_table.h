@@ -21,6 +21,13 @@ struct FreeLine {
   const int32_t* row_pairs = nullptr;  // [kPhases][2][kWidth]
 };
 
+// How a point of a beam is shared among the control points around it, on each axis.
+enum class Footprint {
+  kNormalizedBasis,  // the paper's update (35): 4 control points
+  kBasis,            // as they make up the surface there: 4 control points
+  kLinear,           // the two nearest, by their distance
+};
+
 // What a beam through free space adds to one row of control points: the integral of the update (35)
 // along the beam, which is the expectation of its samples (9) over their phase.
 //
@@ -32,7 +39,7 @@ struct FreeLine {
 class FreeLineTable {
  public:
   // `sum_per_knot`: what one knot interval of beam adds, in units of the sums of a scan.
-  explicit FreeLineTable(double sum_per_knot);
+  FreeLineTable(double sum_per_knot, Footprint footprint);
 
   // The table has the slopes n / kSlopesPerOne for |n| <= kSlopesPerOne: their FreeLine::row_pairs
   // one after the other.

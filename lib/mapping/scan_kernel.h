@@ -22,7 +22,9 @@ struct BeamMemory {
   bool hit;
 };
 
-struct FreeLineCounts {
+// How lines are counted and where they are put: those steep to the x axis (rows of constant y), and
+// those steep to the y axis.
+struct LineCounts {
   size_t steep = 0;
   size_t shallow = 0;
 };
@@ -30,8 +32,48 @@ struct FreeLineCounts {
 // How beams become free lines.
 struct FreeLineModel {
   double knots_per_m = 0;
-  double end_before_hit_knots = 0;
-  const int32_t* row_pairs = nullptr;  // FreeLineTable::data()
+  double end_before_hit_knots = 0;          // where there are no `faces`
+  const int32_t* row_pairs = nullptr;       // FreeLineTable::data()
+  const int32_t* face_row_pairs = nullptr;  // likewise, for the lines of faces
+};
+
+// The surface where a beam hits it, as the beams beside tell.
+struct Face {
+  double normal[2];     // of unit length, away from the sensor
+  double before_knots;  // from there on along the beam to the hit, and as far behind it, the
+  double behind_knots;  // control points take part in the face
+  int32_t weight;       // of the beam there; 1: as in free space
+};
+
+// The part of a beam around its hit: a line, and how the share of what is occupied grows over it.
+struct FaceLine {
+  FreeLine line;
+  int32_t weight = 0;
+  // In 1 / kWholeShare: in the first row at the first control point; per control point; per row.
+  float share = 0;
+  float share_per_column = 0;
+  float share_per_row = 0;
+  // Of the weight: in the first row, and per row. 1 and more is all of it, up to the hit; behind it
+  // that falls to 0.
+  float part = 0;
+  float part_per_row = 0;
+};
+
+// The signed distance of a control point to a face, in front of it negative, as a share of
+// occupied: 0 at kFrontKnots before and 1 at kBackKnots behind, between them it grows evenly.
+struct SignedDistance {
+  static constexpr double kFrontKnots = 1;
+  static constexpr double kBackKnots = 0.75;
+  static constexpr int kWholeShare = 256;
+  // One knot interval of beam weighs as much; so much of one scan counts in one control point.
+  static constexpr int kWeightPerKnot = 360;
+  static constexpr int kMostWeight = 2048;
+  // A scan's share of a control point is weight / 2^kForgetBits, so at most a quarter.
+  static constexpr int kForgetBits = 13;
+  // The values of a control point that is free, and that is occupied; 0 is the face.
+  static constexpr int kFree = -8 * kUnitsPerLogOdds;
+  static constexpr int kOccupied = 6 * kUnitsPerLogOdds;
+  static_assert(kFree * kBackKnots == -kOccupied * kFrontKnots);
 };
 
 // A measurement at one point: 4 x 4 sums, the outer product of two rows of weights.
@@ -49,10 +91,20 @@ struct ScanKernel {
 
   // Sets steep_lines and shallow_lines, arrays for count + 1 lines each, to the free part of the
   // beams that are steep to the x axis (rows of constant y), and of those steep to the y axis.
-  FreeLineCounts (*set_lines)(const BeamMemory* beams, size_t count, const FreeLineModel& model,
-                              FreeLine* steep_lines, FreeLine* shallow_lines);
+  LineCounts (*set_lines)(const BeamMemory* beams, size_t count, const FreeLineModel& model,
+                          FreeLine* steep_lines, FreeLine* shallow_lines);
+  // Likewise of beams with faces, one for each: the lines before the faces, and those of the faces.
+  struct FaceLineCounts {
+    LineCounts free;
+    LineCounts face;
+  };
+  FaceLineCounts (*set_face_lines)(const BeamMemory* beams, const Face* faces, size_t count,
+                                   const FreeLineModel& model, FreeLine* steep_lines,
+                                   FreeLine* shallow_lines, FaceLine* steep_faces,
+                                   FaceLine* shallow_faces);
 
   void (*add_lines)(const FreeLine* lines, size_t count, SumPlane& plane);
+  void (*add_faces)(const FaceLine* faces, size_t count, SumPlane& weights, SumPlane& occupied);
   void (*add_samples)(const PointSample* samples, size_t count, SumPlane& plane);
 
   // The rest is about the sums of one tile within its block.
@@ -70,6 +122,11 @@ struct ScanKernel {
   // control_points[Tile::kSize]; a sum that rounds to 0 leaves its control point as it was.
   void (*commit)(int32_t* sums, ControlLimits limits, ControlLimits scan_limits,
                  ControlPoint* control_points);
+  // Moves weights and the occupied part of them, null where there is none, into control points:
+  // `to` becomes what they make of `from`. Whether that is a change. See SignedDistance. Requires
+  // that what is occupied has weight.
+  bool (*commit_distances)(int32_t* weights, int32_t* occupied, ControlLimits limits,
+                           const ControlPoint* from, ControlPoint* to);
 };
 
 // Those that this processor can run, the plain one first, the fastest last.

@@ -15,9 +15,13 @@ namespace splinemap {
 // Sums of the measurements of one scan by control point, in fixed point, exact and independent of
 // the order. Keeps its memory from scan to scan. Thread-compatible.
 //
+// Sums are of the paper's update (35): log-odds. Or they are of signed distances: the weight of all
+// beams that pass a control point, and the part of it that says occupied. One scan has one kind.
+//
 // No overflow: one beam adds at most 7.2 log-odds to a control point (a hit 16/9 * kMaxKappaHit;
 // free samples, at least kMinFreeSampleSpacingKnots apart, 4/3 * 3.5 * |kMinKappaFree|), and
-// kMaxBeams of them stay within 32 bits.
+// kMaxBeams of them stay within 32 bits. So do weights: a beam adds at most kMostFaceWeight times
+// the diagonal of a knot cell.
 class ScanScratch {
  public:
   explicit ScanScratch(const ScanKernel& kernel = FastestScanKernel()) : kernel_(kernel) {}
@@ -34,23 +38,40 @@ class ScanScratch {
     kernel_.add_samples(samples.data(), samples.size(), upright_);
   }
   void AddFreeLines(absl::Span<const PlacedBeam> beams, const FreeLineModel& model);
+  // Beams with a face each, whose signed distances are committed.
+  void AddFaceLines(absl::Span<const PlacedBeam> beams, absl::Span<const Face> faces,
+                    const FreeLineModel& model);
 
-  // Adds all sums to the layer as one commit, each rounded once and kept within `scan_limits`, the
-  // results clamped to `limits` (36), and clears the scratch. A control point whose sum rounds to 0
-  // is left as it was.
+  // Brings all sums into the layer as one commit, the results clamped to `limits` (36), and clears
+  // the scratch.
+  // Log-odds are added, each rounded once and kept within `scan_limits`; a control point whose sum
+  // rounds to 0 is left as it was.
+  // Signed distances are averaged, in units of control points d = kFree + (kOccupied - kFree) *
+  // occupied / weight: c += (d - c) * min(weight, kMostWeight) / 2^kForgetBits, and c = d at a
+  // control point that was never touched.
   void CommitTo(Layer& layer, ControlLimits limits, ControlLimits scan_limits = {});
 
  private:
+  void CommitSums(Layer& layer, ControlLimits limits, ControlLimits scan_limits);
+  void CommitDistances(Layer& layer, ControlLimits limits);
+  // All to `upright`, without aprons.
+  void Collect(SumPlane& upright, SumPlane& transposed) const;
   void MoveAprons(SumPlane& plane) const;
-  void MoveTransposedToUpright();
 
   const ScanKernel& kernel_;
+  // Log-odds or weights.
   SumPlane upright_;
   SumPlane transposed_;  // x and y exchanged
+  // Of the weights, what says occupied.
+  SumPlane occupied_upright_;
+  SumPlane occupied_transposed_;
+  bool has_distances_ = false;
 
   // Of the beams at hand; kept for their memory.
   std::vector<FreeLine> steep_lines_;
   std::vector<FreeLine> shallow_lines_;
+  std::vector<FaceLine> steep_faces_;
+  std::vector<FaceLine> shallow_faces_;
 };
 
 }  // namespace splinemap

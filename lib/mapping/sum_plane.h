@@ -37,9 +37,14 @@ class SumPlane {
   // Never null, valid until Clear(). Kernels for one instruction set must not leave copies of it
   // for the rest of the program, and so it is inlined always.
   [[gnu::always_inline]] SumBlock* At(int32_t tx, int32_t row) {
+    SumBlock* block = Find(tx, row);
+    return block != nullptr ? block : Add(tx, row);
+  }
+  // Null where there is none.
+  [[gnu::always_inline]] SumBlock* Find(int32_t tx, int32_t row) const {
     SumBlock* block = buckets_[HashOf(tx, row)];
     while (block != nullptr && (block->tx != tx || block->row != row)) block = block->next;
-    return block != nullptr ? block : Add(tx, row);
+    return block;
   }
 
   // Blocks in use, in the order of first use.

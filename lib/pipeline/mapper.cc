@@ -27,6 +27,9 @@ constexpr size_t kDriveScans = 40;
 constexpr size_t kDriveBeams = 90;
 // A robot that hardly moves in so many scans gives nothing to try them on.
 constexpr int kScansBeforeFlags = 300;
+// Scans are compared with the map as it was up to so many scans ago: soon they have overwritten
+// what they contradict.
+constexpr int kScansSinceEarlier = 100;
 // Time stamps so far apart are not those of one clock.
 constexpr int64_t kOtherClock_ms = 1000;
 
@@ -42,11 +45,12 @@ Mapper::Mapper(const config::Config& config, MapOptions map_options, Layer& laye
       max_coordinate_m_(MaxCoordinate(map_options)),
       map_options_(map_options),
       layer_(layer),
+      earlier_tiles_(layer.Snapshot().tiles),
+      is_continued_(layer.tiles().size() > 0),
       max_tiles_((size_t{config.service().max_map_mb()} << 20) / sizeof(Tile)),
       beam_model_(BeamModelOptionsOf(config.method()), map_options.knot_interval_m),
       queue_(ScanQueueOptionsOf(config.timing()), config.scan_size()),
       noticed_(queue_.counts()) {
-  if (layer.tiles().size() > 0) continued_ = layer.tiles();
   if (!pose_channel_.empty()) channels_.push_back(pose_channel_);
   for (const config::Scan& scan : config.scan()) {
     channels_.push_back(scan.channel());
@@ -224,12 +228,14 @@ bool Mapper::HasMoved(const ScanChannel& channel, const Pose2& world_T_robot) co
 }
 
 void Mapper::CheckAgainstMap(ScanChannel& channel, const PlacedScan& scan) {
-  // First things first: wrong flags make scans disagree, too. But soon a new drive has overwritten
-  // what another one in another frame has left.
-  if (!continued_ && channel.drive && ++channel.scans_before_flags < kScansBeforeFlags) return;
-  const HitsInMap hits =
-      FindHits(scan, continued_ ? *continued_ : layer_.tiles(), map_options_.knot_interval_m);
-  if (continued_ && ++continued_scans_ >= kScansBeforeFlags) continued_.reset();
+  if (++scans_since_earlier_ >= kScansSinceEarlier && channel.disagreeing_in_a_row == 0) {
+    earlier_tiles_ = layer_.Snapshot().tiles;
+    scans_since_earlier_ = 0;
+    is_continued_ = false;
+  }
+  // First things first: wrong flags make scans disagree, too.
+  if (!is_continued_ && channel.drive && ++channel.scans_before_flags < kScansBeforeFlags) return;
+  const HitsInMap hits = FindHits(scan, earlier_tiles_, map_options_.knot_interval_m);
   if (hits.looked_up < kMinHits) return;
   const bool at_odds = hits.in_free > kAtOdds * hits.looked_up;
   channel.disagreeing_in_a_row = at_odds ? channel.disagreeing_in_a_row + 1 : 0;

@@ -103,9 +103,10 @@ class Mapper {
   double max_coordinate_m_;
   MapOptions map_options_;
   Layer& layer_;
-  // A map that was there before, while the first scans are compared with it.
-  std::optional<TileTree> continued_;
-  int continued_scans_ = 0;
+  // The map as it was some scans ago, with which scans are compared.
+  TileTree earlier_tiles_;
+  bool is_continued_;  // earlier_tiles_ were there before the first scan
+  int scans_since_earlier_ = 0;
   size_t max_tiles_;
   BeamModel beam_model_;
   ScanQueue queue_;

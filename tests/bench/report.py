@@ -16,7 +16,7 @@ PAPER_WORKLOAD = "simulated_360_beams_3.5_m"
 PEER_PACKAGES = ["libmrpt-maps-dev", "liboctomap-dev", "libbenchmark-dev"]
 TILE_BYTES = 2048
 ACCURACY_TABLES = [
-    "fig3", "fig5", "logs", "defaults", "door", "gp", "door_votes", "split_drives_mean",
+    "fig3", "fig5", "hits", "logs", "defaults", "door", "gp", "door_votes", "split_drives_mean", "surface",
 ]  # fmt: skip
 
 

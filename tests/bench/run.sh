@@ -52,6 +52,7 @@ for subject in "${subjects[@]}"; do
 done
 
 "$programs/accuracy/accuracy" "${quick[@]}" --out "$out"
+"$programs/surface/surface" "${quick[@]}" --out "$out"
 "$programs/layers/layers" "${quick[@]}" --out "$out"
 deploy/own_bus.sh "$programs/serving/serving" "${quick[@]}" --json "$out/serving.json" > "$out/serving.txt"
 "$programs/asking/asking_bench" "${quick[@]}" > "$out/asking.txt"

@@ -83,10 +83,10 @@ expect 0 splinemap info room.splinemap --json
 [[ $(jq '.layers | length' out) == 1 && $(jq -r '.layers[0].name' out) == robot ]] || fail "layers"
 [[ $(jq '.knot_interval_m == 0.05 and .tiles > 0 and .area_m2 > 15 and .area_m2 < 20' out) == true ]] ||
   fail "info: $(cat out)"
-expect 0 splinemap query room.splinemap 2.0 0.5
+expect 0 splinemap query room.splinemap 2.03 0.5
 [[ $(head -n 1 out) == x_m,y_m,log_odds,probability,dx_per_m,dy_per_m,known ]] || fail "columns"
 awk -F, 'NR == 2 && $3 > 1 && $4 > 0.7 && $7 == 1 { found = 1 } END { exit !found }' out ||
-  fail "no wall at (2, 0.5): $(cat out)"
+  fail "no wall at (2.03, 0.5): $(cat out)"
 expect 0 splinemap query room.splinemap -1.0 -1.5
 awk -F, 'NR == 2 && $3 < -1 && $7 == 1 { found = 1 } END { exit !found }' out || fail "not free"
 expect 0 splinemap query room.splinemap 50 50

@@ -134,7 +134,7 @@ TEST_F(DaemonTest, SavesWhileItRuns) {
   Drive(20);
   AwaitStatus([](const status_t& s) { return s.saved_revision == 20; });
   EXPECT_EQ(SavedMap()->layers[0].revision, 20u);
-  EXPECT_GT(ViewOf(*SavedMap())->Evaluate(3, 0).log_odds, 0);
+  EXPECT_GT(ViewOf(*SavedMap())->Evaluate(3.03, 0).log_odds, 0);
   EXPECT_LT(ViewOf(*SavedMap())->Evaluate(0, 0).log_odds, 0);
 }
 

@@ -62,7 +62,7 @@ expect_text "2 lines could not be read and were skipped, the first is line 7" er
 # --- maps of map_server
 expect 0 splinemap export office.splinemap lab --format ros
 expect 0 splinemap import-ros lab.yaml lab.splinemap --name lab
-expect_text "485 x 265 cells of 0.05 m" err
+expect_text "488 x 267 cells of 0.05 m" err
 expect 0 splinemap export lab.splinemap again --format ros
 cmp <(tail -n +2 lab.yaml) <(tail -n +2 again.yaml) || fail "another grid: $(cat again.yaml)"
 # kept VALUE: the share of pixels of that value that came back, in 1/1000.

@@ -111,11 +111,11 @@ await found robot-2 shared_identity
 
 # --- another knot interval, other clamps
 start wide robot-8 --config <(echo 'method { clamp_max: 20 }') --follow 'robot-*'
-says base "the layer of robot-8: its control points are clamped to -10 .. 20, and to -10 .. 10 here"
+says base "the layer of robot-8: its control points are clamped to -64 .. 20, and to -64 .. 64 here"
 start coarse robot-7 --config <(echo 'method { knot_interval_m: 0.1 }') --follow 'robot-*'
 for who in base coarse wide; do says "$who" "the layer of robot-"; done
 says base "the map leaves out the layer of robot-7: its knot interval is 0.1 m, and 0.05 m here"
-says wide "the layer of robot-2: its control points are clamped to -10 .. 10, and to -10 .. 20 here"
+says wide "the layer of robot-2: its control points are clamped to -64 .. 64, and to -64 .. 20 here"
 for name in base robot-7 robot-8; do await found $name refused_layer; done
 expect 0 splinemap layers --live --json
 [[ $(jq -c '[(.[] | select(.daemon == "base").refused | length),

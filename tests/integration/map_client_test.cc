@@ -60,7 +60,7 @@ class MapClientTest : public testing::Test {
   }
   // Of the wall.
   double LogOdds() {
-    const auto answer = client_->Ask(PointsQuery{{{3, 0}}, false});
+    const auto answer = client_->Ask(PointsQuery{{{3.03, 0}}, false});
     EXPECT_TRUE(answer.ok()) << answer.status();
     return answer.ok() ? answer->samples[0].log_odds : 0;
   }
@@ -175,7 +175,7 @@ TEST_F(MapClientTest, ClearBeginsTheLayerAnewForEverybody) {
   Connect();
   auto follower = *MapReplica::Follow("", {});
   Drive(20);
-  Await([&] { return follower->View()->Evaluate(3, 0).log_odds > 0; });
+  Await([&] { return follower->View()->Evaluate(3.03, 0).log_odds > 0; });
   const RaysQuery rays{RaysOfScan({{0.1, 0}, 0}, {0, 1, 2, 3, 4, 5}, 5)};
   const DistancesQuery distances{{{0, 0}, {2, 1}, {2.5, 0}}};
   client_->Ask(rays)
@@ -191,17 +191,17 @@ TEST_F(MapClientTest, ClearBeginsTheLayerAnewForEverybody) {
   EXPECT_EQ(saved->set.layers[0].tiles.size(), 0u);
   EXPECT_EQ(saved->set.layers[0].session.number, 2u);
   Await([&] { return follower->View()->tiles.size() == 0; });
-  EXPECT_EQ(follower->Ask(PointsQuery{{{3, 0}}, false})->samples[0].log_odds, 0);
+  EXPECT_EQ(follower->Ask(PointsQuery{{{3.03, 0}}, false})->samples[0].log_odds, 0);
 
   // And it goes on.
   Drive(10);
   EXPECT_GT(LogOdds(), 0);
-  Await([&] { return follower->View()->Evaluate(3, 0).log_odds > 0; });
+  Await([&] { return follower->View()->Evaluate(3.03, 0).log_odds > 0; });
   const auto ends = client_->Ask(rays);
   const auto nearest = client_->Ask(distances);
   ASSERT_TRUE(daemon_->Stop().ok());
   const LocalMap map(ViewOf(ReadMapFile(config_.map())->set));
-  EXPECT_GT(map.View()->Evaluate(3, 0).log_odds, 0);
+  EXPECT_GT(map.View()->Evaluate(3.03, 0).log_odds, 0);
   ASSERT_EQ(ends.status(), map.Ask(rays).status());
   EXPECT_TRUE(!ends.ok() || AreSame(*ends, *map.Ask(rays)));
   ASSERT_EQ(nearest.status(), map.Ask(distances).status());
@@ -229,7 +229,7 @@ TEST_F(MapClientTest, SettingsOfALayerAreForEverybodyAndOnDisk) {
   Connect();
   auto follower = *MapReplica::Follow("", {});
   Drive(20);
-  Await([&] { return follower->View()->Evaluate(3, 0).log_odds > 0; });
+  Await([&] { return follower->View()->Evaluate(3.03, 0).log_odds > 0; });
   const LayerId id = ReadMapFile(config_.map())->set.layers[0].id;
   const double log_odds = LogOdds();
   ASSERT_TRUE(client_->Set({LayerCommand::kMute, id}).ok());
@@ -240,8 +240,8 @@ TEST_F(MapClientTest, SettingsOfALayerAreForEverybodyAndOnDisk) {
   ASSERT_TRUE(client_->Set({LayerCommand::kUnmute, id}).ok());
   EXPECT_EQ(LogOdds(), log_odds);
   ASSERT_TRUE(client_->Set({LayerCommand::kShift, id, 0, {20, 0}}).ok());  // by 1 m
-  EXPECT_EQ(client_->Ask(PointsQuery{{{4, 0}}, false})->samples[0].log_odds, log_odds);
-  Await([&] { return follower->View()->Evaluate(4, 0).log_odds == log_odds; });
+  EXPECT_EQ(client_->Ask(PointsQuery{{{4.03, 0}}, false})->samples[0].log_odds, log_odds);
+  Await([&] { return follower->View()->Evaluate(4.03, 0).log_odds == log_odds; });
 
   EXPECT_TRUE(absl::IsInvalidArgument(
       client_->Set({LayerCommand::kShift, id, 0, {KnotShift::kMax + 1, 0}})));
@@ -252,7 +252,7 @@ TEST_F(MapClientTest, SettingsOfALayerAreForEverybodyAndOnDisk) {
   Await([&] { return follower->View()->tiles.size() == 0; });
   Drive(10);
   // What begins anew is not shifted.
-  Await([&] { return follower->View()->Evaluate(3, 0).log_odds > 0; });
+  Await([&] { return follower->View()->Evaluate(3.03, 0).log_odds > 0; });
   EXPECT_EQ(follower->FollowedLayers()[0].session.number, LayerSettings::kSessionsPerGeneration);
 }
 

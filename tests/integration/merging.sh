@@ -245,7 +245,7 @@ done
 expect 2 splinemap merge fleet.splinemap coarse.splinemap -o x.splinemap
 expect_text "knot intervals of coarse.splinemap are 0.1 m, and those of fleet.splinemap are 0.05 m" err
 expect 2 splinemap merge fleet.splinemap wide.splinemap -o x.splinemap
-expect_text "clamps of wide.splinemap are -10 .. 20 log-odds, and those of fleet.splinemap are -10 .. 10" err
+expect_text "clamps of wide.splinemap are -64 .. 20 log-odds, and those of fleet.splinemap are -64 .. 64" err
 cp fleet.splinemap tile.splinemap
 sqlite3 tile.splinemap "UPDATE tile SET content = x'28b52ffd' WHERE rowid = 7"
 head -c 40000 fleet.splinemap > cut.splinemap

@@ -24,7 +24,7 @@ TEST(PaperReferenceTest, TheSurfaceOfIntelDiffersByLessThanFiveHundredthsRms) {
   PaperMap paper(kKnot);
   MapWriter map({kKnot, {}});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
-  BeamModel model({.free_space = FreeSpace::kSamples}, kKnot);
+  BeamModel model({.update = BeamUpdate::kPaperSamples}, kKnot);
   ScanScratch scratch;
   for (const RecordedScan& scan : *drive) {
     const std::vector<PlacedBeam> beams = Place(scan);

@@ -15,6 +15,9 @@
 namespace splinemap::beam_model_test {
 
 constexpr double kKnot = 0.05;
+constexpr BeamModelOptions kPaperLine{.update = BeamUpdate::kPaperLine};
+constexpr BeamUpdate kAllUpdates[] = {BeamUpdate::kSignedDistance, BeamUpdate::kPaperLine,
+                                      BeamUpdate::kPaperSamples};
 
 PlacedBeam Beam(double x, double y, double bearing_rad, double range_m, bool hit = true) {
   return {{x, y}, {std::cos(bearing_rad), std::sin(bearing_rad)}, range_m, hit};
@@ -39,7 +42,7 @@ TEST(BeamModelTest, AHitRaisesTheSurfaceAtItsPointByKappa) {
   for (int n = 0; n < 200; ++n) {
     const double x = coordinate(random);
     const double y = coordinate(random);
-    const auto map = MapOf({Beam(x, y, 0, 0.06)});
+    const auto map = MapOf({Beam(x, y, 0, 0.06)}, kPaperLine);
     EXPECT_NEAR(map->Evaluate(x + 0.06, y).log_odds, 0.9, 0.015);
   }
 }
@@ -78,7 +81,7 @@ TEST(BeamModelTest, OneScanEqualsThePapersSumsToTheLastUnits) {
   for (int k = 0; k < 360; ++k) {
     beams.push_back(Beam(-1.23, 0.77, k * 0.01745, range(random), k % 5 != 0));
   }
-  const auto map = MapOf(beams, {.free_space = FreeSpace::kSamples});
+  const auto map = MapOf(beams, {.update = BeamUpdate::kPaperSamples});
   for (const auto& [index, sum] : PaperSums(beams)) {
     const double c = ControlPointAt(*map, index.first, index.second);
     // The phase of each sample is rounded to 1/256 knot; near the sensor hundreds add up.
@@ -105,7 +108,7 @@ TEST(BeamModelTest, TheLineIntegralIsTheMeanOfSamplesOverTheirPhase) {
       shifted.back().range_m -= start_m;
     }
     const auto expected = PaperSums(shifted);
-    const auto map = MapOf(beams);
+    const auto map = MapOf(beams, kPaperLine);
     double total = 0;
     double expected_total = 0;
     for (const auto& [index, sum] : expected) {
@@ -148,8 +151,8 @@ void ExpectEqual(const MapView& a, const MapView& b) {
 
 TEST(BeamModelTest, EveryKernelMakesTheBytesOfThePlainOne) {
   const std::vector<PlacedBeam> beams = RandomBeams(2000);
-  for (const FreeSpace free_space : {FreeSpace::kLineIntegral, FreeSpace::kSamples}) {
-    const BeamModelOptions options{.free_space = free_space};
+  for (const BeamUpdate update : kAllUpdates) {
+    const BeamModelOptions options{.update = update};
     const auto plain = MapOf(beams, options, ScanKernels().front());
     EXPECT_GT(plain->tiles.size(), 500u);
     for (const ScanKernel& kernel : ScanKernels()) {
@@ -160,35 +163,50 @@ TEST(BeamModelTest, EveryKernelMakesTheBytesOfThePlainOne) {
 }
 
 TEST(BeamModelTest, ABeamWithoutHitOnlyClears) {
-  const auto map = MapOf({Beam(0, 0, 0.3, 5, false)});
-  map->tiles.ForEach([](TileKey, const TileTree::Entry& entry) {
-    for (const ControlPoint c : entry.tile->control_points) EXPECT_LE(c, 0);
-  });
-  EXPECT_LT(map->Evaluate(2 * std::cos(0.3), 2 * std::sin(0.3)).log_odds, -0.2);
+  for (const BeamUpdate update : kAllUpdates) {
+    const auto map = MapOf({Beam(0, 0, 0.3, 5, false)}, {.update = update});
+    map->tiles.ForEach([](TileKey, const TileTree::Entry& entry) {
+      for (const ControlPoint c : entry.tile->control_points) EXPECT_LE(c, 0);
+    });
+    EXPECT_LT(map->Evaluate(2 * std::cos(0.3), 2 * std::sin(0.3)).log_odds, -0.2);
+  }
 }
 
-TEST(BeamModelTest, TheOrderOfBeamsDoesNotMatter) {
+TEST(BeamModelTest, TheOrderOfBeamsDoesNotMatterToThePapersUpdate) {
   std::mt19937_64 random(6);
   std::vector<PlacedBeam> beams = RandomBeams(200);
-  const auto first = MapOf(beams);
+  const auto first = MapOf(beams, kPaperLine);
   std::shuffle(beams.begin(), beams.end(), random);
-  ExpectEqual(*first, *MapOf(beams));
+  ExpectEqual(*first, *MapOf(beams, kPaperLine));
 }
 
 // The bound that ScanScratch states: the most beams with the strongest options through one point.
 TEST(BeamModelTest, TheHeaviestScanDoesNotOverflow) {
-  const BeamModelOptions strongest{.kappa_hit = kMaxKappaHit,
+  const BeamModelOptions strongest{.update = BeamUpdate::kPaperLine,
+                                   .kappa_hit = kMaxKappaHit,
                                    .kappa_free = kMinKappaFree,
                                    .free_sample_spacing_knots = kMinFreeSampleSpacingKnots};
   const std::vector<PlacedBeam> hits(kMaxBeams, Beam(0.01, 0, 0, 0.04));  // no free sample
   EXPECT_GT(MapOf(hits, strongest)->Evaluate(0.05, 0).log_odds, 99);
   const std::vector<PlacedBeam> free(kMaxBeams, Beam(0, 0, 0.6, 1, false));
-  for (const FreeSpace free_space : {FreeSpace::kLineIntegral, FreeSpace::kSamples}) {
+  for (const BeamUpdate update : {BeamUpdate::kPaperLine, BeamUpdate::kPaperSamples}) {
     BeamModelOptions options = strongest;
-    options.free_space = free_space;
+    options.update = update;
     const auto map = MapOf(free, options);
     EXPECT_LT(map->Evaluate(0.3 * std::cos(0.6), 0.3 * std::sin(0.6)).log_odds, -99);
   }
+}
+
+TEST(BeamModelTest, TheHeaviestWeightsDoNotOverflow) {
+  // A narrow thing weighs most: one beam further to either side.
+  std::vector<PlacedBeam> beams(kMaxBeams, Beam(0, 0, 0.6, 1));
+  beams.front() = Beam(0, 0, 0.5, 3);
+  beams.back() = Beam(0, 0, 0.7, 3);
+  const auto map = MapOf(beams);
+  for (const double range_m : {0.3, 0.8}) {
+    EXPECT_LT(map->Evaluate(range_m * std::cos(0.6), range_m * std::sin(0.6)).log_odds, -4);
+  }
+  EXPECT_GT(map->Evaluate(1.02 * std::cos(0.6), 1.02 * std::sin(0.6)).log_odds, 0);
 }
 
 }  // namespace splinemap::beam_model_test

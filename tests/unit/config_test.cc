@@ -230,12 +230,12 @@ TEST(LoadConfigTest, NamesTheFile) {
 TEST(DefaultsTest, AreThoseThatWereMeasured) {
   const config::Config config;
   EXPECT_EQ(MapOptionsOf(config.method()).knot_interval_m, 0.05);
-  EXPECT_EQ(MapOptionsOf(config.method()).limits.min, -10 * kUnitsPerLogOdds);
-  EXPECT_EQ(MapOptionsOf(config.method()).limits.max, 10 * kUnitsPerLogOdds);
+  EXPECT_EQ(MapOptionsOf(config.method()).limits.min, -64 * kUnitsPerLogOdds);
+  EXPECT_EQ(MapOptionsOf(config.method()).limits.max, 64 * kUnitsPerLogOdds);
   const BeamModelOptions beam = BeamModelOptionsOf(config.method());
-  EXPECT_EQ(beam.free_space, FreeSpace::kLineIntegral);
+  EXPECT_EQ(beam.update, BeamUpdate::kSignedDistance);
   EXPECT_EQ(beam.kappa_hit, 0.9);
-  EXPECT_EQ(beam.kappa_free, -0.15);
+  EXPECT_EQ(beam.kappa_free, -0.3);
   EXPECT_EQ(beam.free_sample_spacing_knots, 1.41);
   const SensorOptions sensor = SensorOptionsOf({}, "bot_core");
   EXPECT_EQ(sensor.range_min_m, 0.05);
@@ -248,7 +248,7 @@ TEST(MethodPresetTest, PaperStandsForThePapersValues) {
   method.set_preset("paper");
   EXPECT_EQ(MapOptionsOf(method), MapOptions());
   const BeamModelOptions beam = BeamModelOptionsOf(method);
-  EXPECT_EQ(beam.free_space, FreeSpace::kSamples);
+  EXPECT_EQ(beam.update, BeamUpdate::kPaperSamples);
   EXPECT_EQ(beam.kappa_hit, 0.9);
   EXPECT_EQ(beam.kappa_free, -0.3);
   method.set_kappa_free(-0.2);

@@ -44,13 +44,13 @@ TEST(ContradictionsTest, WallsInTheFreeSpaceOfOthersAreContradicted) {
   const Contradiction contradiction = Compare(50, 60);
   EXPECT_EQ(contradiction.compared, kSide);
   // At the border of the other layer its neighbours are not known.
-  EXPECT_EQ(contradiction.contradicted, kSide - 2);
+  EXPECT_EQ(contradiction.contradicted, kSide - 4);
   EXPECT_TRUE(contradiction.IsTooMuch());
-  EXPECT_EQ(ObstaclesText(contradiction), "98 % of 128 obstacles");
+  EXPECT_EQ(ObstaclesText(contradiction), "97 % of 128 obstacles");
 }
 
-TEST(ContradictionsTest, WallsOfOneKnotBesideAreTheSameWall) {
-  for (const int other : {49, 50, 51}) {
+TEST(ContradictionsTest, WallsOfTwoKnotsBesideAreTheSameWall) {
+  for (const int other : {48, 49, 50, 51, 52}) {
     const Contradiction contradiction = Compare(50, other);
     EXPECT_EQ(contradiction.compared, kSide);
     EXPECT_EQ(contradiction.contradicted, 0);

@@ -12,15 +12,19 @@ PlacedScan ScanWithHitsAt(const std::vector<Eigen::Vector2d>& points) {
   return scan;
 }
 
-TEST(MapMatchTest, HitsAreLookedUpAtTheirNearestControlPoint) {
+TEST(MapMatchTest, HitsAreInFreeSpaceWhereAllIsFreeAroundThem) {
   TileTreeEditor tiles;
   Tile& tile = tiles.Edit({0, 0}, 1);
-  tile.control_points[IndexInTile(10, 4)] = -3 * kUnitsPerLogOdds;
+  for (int k = 0; k < 20 * 20; ++k) {
+    tile.control_points[IndexInTile(k % 20, k / 20)] = -3 * kUnitsPerLogOdds;
+  }
   tile.control_points[IndexInTile(11, 4)] = 2 * kUnitsPerLogOdds;
   const TileTree tree = tiles.Freeze();
+  // In free space; beside the obstacle, a little further, at it; in the unknown, and at its edge.
   const HitsInMap hits = FindHits(
-      ScanWithHitsAt({{1.0, 0.4}, {1.04, 0.36}, {1.1, 0.4}, {-3, 1}, {1.2, 0.4}}), tree, 0.1);
-  EXPECT_EQ(hits.looked_up, 5);
+      ScanWithHitsAt({{0.5, 0.4}, {1.04, 0.36}, {0.94, 0.4}, {1.1, 0.4}, {-3, 1}, {1.96, 0.4}}),
+      tree, 0.1);
+  EXPECT_EQ(hits.looked_up, 6);
   EXPECT_EQ(hits.in_free, 2);
 }
 

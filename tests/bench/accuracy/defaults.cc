@@ -20,7 +20,7 @@ double MeanFig3Error(const Method& method, const Effort& effort) {
 
 }  // namespace
 
-void WriteDefaults(const std::vector<Method>& methods, const std::vector<Drive>& drives,
+void WriteDefaults(const std::vector<Method>& methods, const std::vector<JudgedDrive>& drives,
                    const Effort& effort, const std::string& out) {
   Table table(out + "/defaults.csv",
               {"method", "drive", "fig3_error", "fig5_error", "scans_until_closed",
@@ -30,7 +30,7 @@ void WriteDefaults(const std::vector<Method>& methods, const std::vector<Drive>&
     const double fig5 =
         Quantile(CircleErrors(method, 0.05, effort.room_scans, effort.default_runs), 0.5);
     const DoorScans door = CountDoorScans(method, kDoorScansBefore, effort);
-    for (const Drive& drive : drives) {
+    for (const JudgedDrive& drive : drives) {
       const std::unique_ptr<TestedMap> map = MapDrive(method, drive, 0.05);
       const Judgement judgement = Judge(*map, drive);
       table.Row(method.name, drive.name, fig3, fig5, door.until_closed, door.until_open,

@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 #include <random>
 
 #include "tests/bench/accuracy/score.h"
@@ -20,7 +22,7 @@ std::vector<std::vector<PlacedBeam>> EveryOther(const std::vector<RecordedScan>&
   return result;
 }
 
-void AddTestPoints(const std::vector<std::vector<PlacedBeam>>& scans, Drive& drive) {
+void AddTestPoints(const std::vector<std::vector<PlacedBeam>>& scans, JudgedDrive& drive) {
   std::mt19937_64 random(1);
   std::uniform_real_distribution<double> share(0, 1);
   for (const std::vector<PlacedBeam>& beams : scans) {
@@ -59,12 +61,45 @@ std::vector<double> LogOdds(const LogOddsAt& log_odds_at,
   return values;
 }
 
+// From the point to the nearest one on the other side of the level, to 5 mm; kFarthest_m where none
+// is nearer.
+constexpr double kFarthest_m = 0.3;
+double DistanceToLevel(TestedMap& map, double level, const Eigen::Vector2d& point_m) {
+  constexpr int kDirections = 24;
+  const bool is_occupied = map.LogOdds(point_m) > level;
+  for (double distance_m = 0.005; distance_m < kFarthest_m; distance_m += 0.005) {
+    for (int k = 0; k < kDirections; ++k) {
+      const double bearing_rad = 2 * std::numbers::pi * k / kDirections;
+      const Eigen::Vector2d at =
+          point_m + distance_m * Eigen::Vector2d(std::cos(bearing_rad), std::sin(bearing_rad));
+      if ((map.LogOdds(at) > level) != is_occupied) return distance_m;
+    }
+  }
+  return kFarthest_m;
+}
+
 }  // namespace
 
-std::vector<Drive> ReadDrives(const Effort& effort) {
+void WriteHits(const std::vector<Method>& methods, const std::vector<JudgedDrive>& drives,
+               const std::string& out) {
+  Table table(out + "/hits.csv", {"drive", "method", "median_mm", "ninety_percent_mm"});
+  for (const JudgedDrive& drive : drives) {
+    for (const Method& method : methods) {
+      const std::unique_ptr<TestedMap> map = MapDrive(method, drive, 0.05);
+      std::vector<double> distances_mm;
+      const size_t step = std::max<size_t>(1, drive.hits.size() / 4000);
+      for (size_t k = 0; k < drive.hits.size(); k += step) {
+        distances_mm.push_back(1000 * DistanceToLevel(*map, method.level, drive.hits[k]));
+      }
+      table.Row(drive.name, method.name, Quantile(distances_mm, 0.5), Quantile(distances_mm, 0.9));
+    }
+  }
+}
+
+std::vector<JudgedDrive> ReadDrives(const Effort& effort) {
   std::vector<std::string> names = {"intel", "freiburg-079", "csail", "aces"};
   names.resize(effort.drives);
-  std::vector<Drive> drives;
+  std::vector<JudgedDrive> drives;
   for (const std::string& name : names) {
     const auto path = SharedData("carmen/" + name + "-corrected.log.gz");
     if (!path) {
@@ -72,7 +107,7 @@ std::vector<Drive> ReadDrives(const Effort& effort) {
       continue;
     }
     const std::vector<RecordedScan> scans = Read(*path, false, effort);
-    Drive drive;
+    JudgedDrive drive;
     drive.name = name;
     drive.no_return_ignored = EveryOther(scans, 0);
     drive.no_return_free = EveryOther(Read(*path, true, effort), 0);
@@ -82,29 +117,30 @@ std::vector<Drive> ReadDrives(const Effort& effort) {
   return drives;
 }
 
-std::unique_ptr<TestedMap> MapDrive(const Method& method, const Drive& drive, double resolution_m) {
+std::unique_ptr<TestedMap> MapDrive(const Method& method, const JudgedDrive& drive,
+                                    double resolution_m) {
   std::unique_ptr<TestedMap> map = method.make(resolution_m);
   const auto& scans = method.no_return_is_free ? drive.no_return_free : drive.no_return_ignored;
   for (const std::vector<PlacedBeam>& beams : scans) map->AddScan(beams);
   return map;
 }
 
-Judgement Judge(TestedMap& map, const Drive& drive) {
+Judgement Judge(TestedMap& map, const JudgedDrive& drive) {
   return Judge([&](const Eigen::Vector2d& point_m) { return map.LogOdds(point_m); }, drive);
 }
 
-Judgement Judge(const LogOddsAt& log_odds_at, const Drive& drive) {
+Judgement Judge(const LogOddsAt& log_odds_at, const JudgedDrive& drive) {
   const std::vector<double> hits = LogOdds(log_odds_at, drive.hits);
   const std::vector<double> free = LogOdds(log_odds_at, drive.free);
   return {Auc(hits, free), Auc(hits, LogOdds(log_odds_at, drive.free_near)),
           MeanLogLikelihood(hits, free)};
 }
 
-void WriteLogs(const std::vector<Method>& methods, const std::vector<Drive>& drives,
+void WriteLogs(const std::vector<Method>& methods, const std::vector<JudgedDrive>& drives,
                const std::string& out) {
   Table table(out + "/logs.csv",
               {"drive", "method", "resolution_m", "bytes", "auc", "auc_near", "log_likelihood"});
-  for (const Drive& drive : drives) {
+  for (const JudgedDrive& drive : drives) {
     for (const Method& method : methods) {
       for (const double resolution_m : {0.05, 0.075, 0.1, 0.15, 0.2}) {
         const std::unique_ptr<TestedMap> map = MapDrive(method, drive, resolution_m);

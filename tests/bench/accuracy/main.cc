@@ -71,6 +71,7 @@ void Run(const Effort& effort, const std::string& only, const std::string& out) 
       {"door", [&] { WriteDoor(with_grids(AllVariants()), effort, out); }},
       {"defaults",
        [&] { WriteDefaults(with_grids(AllVariants()), ReadDrives(effort), effort, out); }},
+      {"hits", [&] { WriteHits(DriveMethods(), ReadDrives(effort), out); }},
       {"logs", [&] { WriteLogs(DriveMethods(), ReadDrives(effort), out); }},
   };
   for (const Part& part : parts) {
@@ -87,7 +88,7 @@ int main(int argc, char** argv) {
   std::string only;
   bool quick = false;
   app.add_option("--out", out, "Directory for the tables")->capture_default_str();
-  app.add_option("--only", only, "One of fig3, fig5, maps, gp, door, defaults, logs");
+  app.add_option("--only", only, "One of fig3, fig5, maps, gp, door, defaults, hits, logs");
   app.add_flag("--quick", quick, "A smoke run of a few seconds; its figures mean nothing");
   CLI11_PARSE(app, argc, argv);
   std::filesystem::create_directories(out);

@@ -180,9 +180,44 @@ def door(directory):
     save(figure, directory / "door.png")
 
 
+def levels(directory):
+    """What each map takes for an obstacle, beside the outlines of the things themselves."""
+    rows = read(directory, "level.csv")
+    if not rows:
+        return
+    methods, scenes = distinct(rows, "method"), distinct(rows, "scene")
+    figure, axes = plt.subplots(len(scenes), len(methods), squeeze=False, layout="constrained",
+                                figsize=(3.2 * len(methods), 2.6 * len(scenes)))
+    for line, scene in enumerate(scenes):
+        for column, method in enumerate(methods):
+            mine = [r for r in rows if r["method"] == method and r["scene"] == scene]
+            xs, ys = distinct(mine, "x_m"), distinct(mine, "y_m")
+            image = np.reshape([r["is_obstacle"] for r in mine], (len(ys), len(xs)))
+            panel = axes[line][column]
+            panel.imshow(image, origin="lower", extent=[xs[0], xs[-1], ys[0], ys[-1]],
+                         cmap="Greys", vmin=0, vmax=1.6)
+            outline(panel, scene)
+            panel.set_xlim(xs[0], xs[-1])
+            panel.set_ylim(ys[0], ys[-1])
+            if line == 0:
+                panel.set_title(method)
+        axes[line][0].set_ylabel(f"{scene}; m")
+    save(figure, directory / "levels.png")
+
+
+def outline(panel, scene):
+    """The door of 0.8 m in a wall of 12 cm, and the pole of 5 cm, of the program `surface`."""
+    look = {"fill": False, "edgecolor": "tab:red", "linewidth": 1.2}
+    if scene == "door":
+        panel.add_patch(plt.Rectangle((0.4, 0), 4, 0.12, **look))
+        panel.add_patch(plt.Rectangle((-4.4, 0), 4, 0.12, **look))
+    else:
+        panel.add_patch(plt.Circle((0, 0), 0.025, **look))
+
+
 def main():
     directory = pathlib.Path(sys.argv[1])
-    for draw in (fig3, fig5, maps, logs, door):
+    for draw in (fig3, fig5, maps, logs, door, levels):
         draw(directory)
 
 

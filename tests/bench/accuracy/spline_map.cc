@@ -14,6 +14,7 @@ class SplineMap : public TestedMap {
   SplineMap(const Variant& variant, double knot_interval_m)
       : TestedMap(variant.limits.max / double{kUnitsPerLogOdds}),
         scan_limits_(variant.scan_limits),
+        at_face_(variant.LogOddsAtFace()),
         model_(variant.beams, knot_interval_m),
         map_({knot_interval_m, variant.limits}),
         layer_(map_.AddLayer({"robot", 1}, {1, 1})) {}
@@ -27,7 +28,12 @@ class SplineMap : public TestedMap {
   double LogOdds(const Eigen::Vector2d& point_m) override {
     if (view_ == nullptr) view_ = map_.View();
     const SurfaceSample sample = view_->Evaluate(point_m.x(), point_m.y());
-    return sample.known ? sample.log_odds : 0;
+    return sample.known ? sample.log_odds + at_face_ : 0;
+  }
+
+  // A signed distance has no clamp that its values get to.
+  double Scaled(const Eigen::Vector2d& point_m) override {
+    return at_face_ > 0 ? 2 * Probability(LogOdds(point_m)) - 1 : TestedMap::Scaled(point_m);
   }
 
   int64_t Bytes() const override {
@@ -36,6 +42,7 @@ class SplineMap : public TestedMap {
 
  private:
   ControlLimits scan_limits_;
+  double at_face_;
   BeamModel model_;
   ScanScratch scratch_;
   MapWriter map_;
@@ -71,12 +78,13 @@ ControlLimits Limits(double log_odds) { return Limits(-log_odds, log_odds); }
 
 std::vector<Variant> Variants() {
   const ControlLimits paper;
-  const BeamModelOptions samples = {.free_space = FreeSpace::kSamples};
-  const BeamModelOptions samples_15 = {.free_space = FreeSpace::kSamples, .kappa_free = -0.15};
-  const BeamModelOptions line = {.free_space = FreeSpace::kLineIntegral};
-  const BeamModelOptions line_15 = {.free_space = FreeSpace::kLineIntegral, .kappa_free = -0.15};
-  const BeamModelOptions line_10 = {.free_space = FreeSpace::kLineIntegral, .kappa_free = -0.1};
+  const BeamModelOptions samples = {.update = BeamUpdate::kPaperSamples};
+  const BeamModelOptions samples_15 = {.update = BeamUpdate::kPaperSamples, .kappa_free = -0.15};
+  const BeamModelOptions line = {.update = BeamUpdate::kPaperLine};
+  const BeamModelOptions line_15 = {.update = BeamUpdate::kPaperLine, .kappa_free = -0.15};
+  const BeamModelOptions line_10 = {.update = BeamUpdate::kPaperLine, .kappa_free = -0.1};
   return {
+      {"signed distance", {}, Limits(64), paper, false, true, true},
       {"samples", samples, paper, paper, false, true, true},
       {"samples clamp 10", samples, Limits(10), paper},
       {"samples clamp 5", samples, Limits(5), paper},
@@ -114,11 +122,15 @@ std::vector<Variant> Variants() {
   };
 }
 
+double Variant::LogOddsAtFace() const {
+  return beams.update == BeamUpdate::kSignedDistance ? 5 : 0;
+}
+
 Method SplineMethod(const Variant& variant) {
   return {
       "spline " + variant.name,
       [variant](double resolution_m) { return std::make_unique<SplineMap>(variant, resolution_m); },
-      variant.no_return_is_free};
+      variant.no_return_is_free, variant.LogOddsAtFace()};
 }
 
 Method PaperSplineMethod() {

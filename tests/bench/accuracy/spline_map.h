@@ -19,6 +19,10 @@ struct Variant {
   bool no_return_is_free = false;
   bool compare_with_peers = false;  // in the table over drives at all resolutions, too
   bool in_paper_figures = false;
+
+  // What is added to the surface for the log-odds of a hit: a surface that is 0 on faces says with
+  // its sign on which side of a face a point is, and half of the hits lie before it.
+  double LogOddsAtFace() const;
 };
 
 std::vector<Variant> Variants();

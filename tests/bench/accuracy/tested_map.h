@@ -26,7 +26,7 @@ class TestedMap {
   // Values stay within plus and minus this.
   double limit_log_odds() const { return limit_log_odds_; }
   // From -1 (free) to 1 (occupied), as the paper scales maps for (37).
-  double Scaled(const Eigen::Vector2d& point_m) { return LogOdds(point_m) / limit_log_odds_; }
+  virtual double Scaled(const Eigen::Vector2d& point_m) { return LogOdds(point_m) / limit_log_odds_; }
 
  private:
   double limit_log_odds_;
@@ -37,6 +37,7 @@ struct Method {
   std::string name;
   std::function<std::unique_ptr<TestedMap>(double resolution_m)> make;
   bool no_return_is_free = false;  // rather than ignored
+  double level = 0;                // the log-odds of faces
 };
 
 }  // namespace splinemap

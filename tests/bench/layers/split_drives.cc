@@ -11,7 +11,7 @@ enum class Split { kStretches, kInTurn };
 
 const char* NameOf(Split split) { return split == Split::kStretches ? "stretches" : "in turn"; }
 
-LayersOfRobots MapSplit(const Drive& drive, Split split, size_t count, double clamp) {
+LayersOfRobots MapSplit(const JudgedDrive& drive, Split split, size_t count, double clamp) {
   Robots robots(count, clamp);
   const size_t scans = drive.no_return_ignored.size();
   for (size_t k = 0; k < scans; ++k) {
@@ -21,7 +21,7 @@ LayersOfRobots MapSplit(const Drive& drive, Split split, size_t count, double cl
   return robots.Layers(count - 1);
 }
 
-Judgement JudgeMap(const MapView& map, const Drive& drive) {
+Judgement JudgeMap(const MapView& map, const JudgedDrive& drive) {
   return Judge(
       [&](const Eigen::Vector2d& point_m) {
         const SurfaceSample sample = map.Evaluate(point_m.x(), point_m.y());
@@ -31,7 +31,7 @@ Judgement JudgeMap(const MapView& map, const Drive& drive) {
 }
 
 // Judgements of one scheme over the drives.
-struct Mean {
+struct MeanOfDrives {
   std::string scheme;
   size_t robots;
   Split split;
@@ -44,7 +44,7 @@ struct Mean {
   }
 };
 
-void WriteMeans(const std::vector<Mean>& means, size_t drives, const std::string& out) {
+void WriteMeans(const std::vector<MeanOfDrives>& means, size_t drives, const std::string& out) {
   Table table(out + "/split_drives_mean.csv",
               {"scheme", "robots", "split", "auc", "auc_near", "log_likelihood", "auc_gain",
                "auc_near_gain", "log_likelihood_gain"});
@@ -59,10 +59,10 @@ void WriteMeans(const std::vector<Mean>& means, size_t drives, const std::string
 
 }  // namespace
 
-void WriteSplitDrives(const std::vector<Drive>& drives, const std::vector<size_t>& robots,
+void WriteSplitDrives(const std::vector<JudgedDrive>& drives, const std::vector<size_t>& robots,
                       const std::string& out) {
   if (drives.empty()) return;
-  std::vector<Mean> means;  // the first is of one robot with the defaults
+  std::vector<MeanOfDrives> means;  // the first is of one robot with the defaults
   {
     Table table(out + "/split_drives.csv",
                 {"scheme", "robots", "split", "drive", "auc", "auc_near", "log_likelihood"});
@@ -72,7 +72,7 @@ void WriteSplitDrives(const std::vector<Drive>& drives, const std::vector<size_t
           if (count == 1 && split == Split::kInTurn) continue;
           const size_t first = means.size();
           for (const Scheme& scheme : schemes) means.push_back({scheme.name, count, split, {}});
-          for (const Drive& drive : drives) {
+          for (const JudgedDrive& drive : drives) {
             const LayersOfRobots layers =
                 MapSplit(drive, split, count, schemes.front().layer_clamp);
             for (size_t k = 0; k < schemes.size(); ++k) {

@@ -6,7 +6,7 @@
 namespace splinemap::bench {
 
 std::vector<SplineVariant> SplineVariants() {
-  return {{"splinemap", {}}, {"splinemap_samples", {.free_space = FreeSpace::kSamples}}};
+  return {{"splinemap", {}}, {"splinemap_samples", {.update = BeamUpdate::kPaperSamples}}};
 }
 
 void SplineMapper::Clear() {
