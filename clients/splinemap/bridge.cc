@@ -43,7 +43,7 @@ constexpr int kManyCells = 100'000;         // LCM begins to lose messages of th
 constexpr std::chrono::seconds kRepeat(5);  // for late subscribers
 constexpr milliseconds kTick(10);
 
-// Cells use the whole range of an int8 at the default clamps of maps, -10 and 10. Only unknown
+// Cells have the range of an int8 for -10 to 10 log-odds; one robot's map has -8 to 6. Only unknown
 // cells are 0.
 int8_t CellOf(int16_t units) {
   if (units == 0) return 0;
@@ -262,9 +262,9 @@ Examples:
   splinemap bridge occupancy-grid --robot one --channel ONE_MAP --rate-hz 0.2
 
 Follows the daemons on a bus and publishes their map as Michigan's occupancy_grid_t after each
-change, at most --rate-hz times a second, and every 5 s. A cell is 12.7 times the log-odds, which
-fills -127 .. 127 at the default clamps: positive is occupied, negative free, 0 unknown. Known cells
-that would round to 0 are 1 or -1. A cell larger than the knot interval has the greatest log-odds
+change, at most --rate-hz times a second, and every 5 s. A cell is 12.7 times the log-odds, within
+-127 .. 127: positive is occupied, negative free, 0 unknown. Known cells that would round to 0 are 1
+or -1. A cell larger than the knot interval has the greatest log-odds
 within, so that thin walls stay. The origin is the lower left corner of the first cell; utime is the
 time of publication. Of a map of more than 4 million cells it publishes what lies in 2000 x 2000
 around the newest change.)";

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <map>
 #include <numbers>
 #include <random>
@@ -119,6 +120,33 @@ TEST(SignedDistanceTest, TheSumOfLayersHasTheSameLevel) {
     }
   }
   EXPECT_NEAR(LevelAt(*both.View(), {1.52, 0}, {1, 0}), 0, 0.006);
+}
+
+// Of the end point model of LikelihoodsQuery: see there.
+TEST(SignedDistanceTest, OneWallAloneFitsBestTooFarAndARoomWhereItIs) {
+  std::mt19937_64 random(1);
+  Mapping mapping;
+  for (int n = 0; n < 20; ++n) mapping.Add(ScanWall(1.5, 0, 0.01, random));
+  const auto map = mapping.View();
+  const std::vector<PlacedBeam> scan = ScanWall(1.5, 0, 0.01, random);
+  // Where along x the hits beyond x fit best.
+  const auto best_m = [&](double least_x_m) {
+    double best = 0;
+    double greatest = -std::numeric_limits<double>::infinity();
+    for (double moved_m = -0.1; moved_m <= 0.1; moved_m += 0.002) {
+      double sum = 0;
+      for (const PlacedBeam& beam : scan) {
+        const Vector2d hit_m = beam.origin_world_m + beam.range_m * beam.direction_world;
+        if (hit_m.x() < least_x_m) continue;
+        sum += std::log(Probability(map->Evaluate(hit_m.x() + moved_m, hit_m.y()).log_odds));
+      }
+      if (sum > greatest) best = moved_m;
+      greatest = std::max(greatest, sum);
+    }
+    return best;
+  };
+  EXPECT_NEAR(best_m(1.4), kKnot, 0.02);
+  EXPECT_NEAR(best_m(-10), 0, 0.01);
 }
 
 TEST(SignedDistanceTest, AWallThatIsGoneIsForgotten) {

@@ -24,10 +24,10 @@ enum class UnknownPolicy : int8_t {
 };
 
 // Where a surface is occupied: its log-odds are `occupied_log_odds` or more. 0, p >= 1/2, is where
-// the faces of things are, in the map of one robot as in the sum of several: within 2 mm in the
-// mean for walls seen at up to 70 degrees of incidence, and within 10 mm for doors and for poles of
+// the faces of things are, in the map of one robot as in the sum of several: within 3 mm in the
+// mean for walls seen at up to 70 degrees of incidence, and within 11 mm for doors and for poles of
 // 5 cm and more, at knots of 5 cm and 1 cm of noise (lib/mapping/README.md has all of it). Maps of
-// the preset `paper` have their faces 50 to 66 mm behind it.
+// the preset `paper` have their faces about 6 cm behind it.
 inline constexpr double kDefaultOccupied = 0;
 
 // Value and gradient, and with_hessians the second derivatives. Points that are not finite or off
@@ -123,10 +123,10 @@ Eigen::Vector2d PointOfCell(const RasterQuery& query, size_t cell);
 int16_t CellOf(const SurfaceSample& sample);
 
 // How well a scan fits at many poses: of each the sum over its hits of log p(occupied), where what
-// is not known counts as the surface says, log 1/2 far from everything. Half of the hits lie before
-// a face, where p is 1/2, and so one wall alone fits best a third of a knot interval too far; walls
-// on all sides outweigh that. This is the end point model of a range finder: it does not ask
-// whether beams pass through walls.
+// is not known counts as the surface says, log 1/2 far from everything. p is 1/2 on a face and more
+// behind it, and so hits of one wall alone fit best a knot interval too far; walls on all sides
+// outweigh that. This is the end point model of a range finder: it does not ask whether beams pass
+// through walls.
 struct LikelihoodsQuery {
   static constexpr size_t kMaxHits = 2000;
 
