@@ -32,7 +32,7 @@ absl::StatusOr<RosGrid> ReadRosGrid(const std::string& yaml_path);
 // What a cell of certainty weighs, in log-odds; less certain cells weigh as their probability says.
 // At the defaults a single occupied cell among free ones, which the surface smooths, is above 0,
 // and free cells beside a wall still are free to map_server (below a probability of 0.196); and yet
-// a robot overrules them soon: 3 m away, a wall that is gone in 8 scans, a new one in 2.
+// a robot, whose layer has -8 to 6, overrules them where it looks.
 struct CellWeights {
   double occupied_log_odds = 3.2;
   double free_log_odds = -2.5;
