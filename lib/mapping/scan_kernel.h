@@ -22,8 +22,8 @@ struct BeamMemory {
   bool hit;
 };
 
-// How lines are counted and where they are put: those steep to the x axis (rows of constant y), and
-// those steep to the y axis.
+// Numbers of lines that are steep to the x axis (rows of constant y), and of those steep to the y
+// axis.
 struct LineCounts {
   size_t steep = 0;
   size_t shallow = 0;
@@ -40,8 +40,8 @@ struct FreeLineModel {
 // The surface where a beam hits it, as the beams beside tell.
 struct Face {
   double normal[2];     // of unit length, away from the sensor
-  double before_knots;  // from there on along the beam to the hit, and as far behind it, the
-  double behind_knots;  // control points take part in the face
+  double before_knots;  // from so far before the hit to so far behind it, along the beam, control
+  double behind_knots;  // points take part in the face
   int32_t weight;       // of the beam there; 1: as in free space
 };
 

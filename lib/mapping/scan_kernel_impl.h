@@ -500,33 +500,24 @@ void Commit(int32_t* sums, ControlLimits limits, ControlLimits scan_limits,
   }
 }
 
-// What signed distances make of control points; those without weight stay.
-[[gnu::always_inline]] inline Sums Average(Sums weight, Sums occupied, Sums old,
-                                           ControlLimits limits) {
+// Control points moved to their signed distance as far as the weight says; those without weight
+// stay.
+[[gnu::always_inline]] inline Sums Averaged(Sums distance, Sums weight, Sums old,
+                                            ControlLimits limits) {
   constexpr int32_t kHalf = 1 << (SignedDistance::kForgetBits - 1);
-  constexpr float kRange = SignedDistance::kOccupied - SignedDistance::kFree;
-  const Shares share = __builtin_convertvector(occupied, Shares) /
-                       __builtin_convertvector(weight > 0 ? weight : Sums{} + 1, Shares);
-  const Sums target = SignedDistance::kFree + __builtin_convertvector(share * kRange + 0.5F, Sums);
   const Sums most = Sums{} + SignedDistance::kMostWeight;
   const Sums counted = weight < most ? weight : most;
-  const Sums change = ((target - old) * counted + kHalf) >> SignedDistance::kForgetBits;
-  Sums result = Clamp(old == 0 ? target : old + change, limits);
+  const Sums change = ((distance - old) * counted + kHalf) >> SignedDistance::kForgetBits;
+  Sums result = Clamp(old == 0 ? distance : old + change, limits);
   result = result == 0 ? Sums{} + 1 : result;  // what was touched stays known
   return weight == 0 ? old : result;
 }
 
-// The same where nothing is occupied.
-[[gnu::always_inline]] inline Sums AverageFree(Sums weight, Sums old, ControlLimits limits) {
-  constexpr int32_t kHalf = 1 << (SignedDistance::kForgetBits - 1);
-  const Sums most = Sums{} + SignedDistance::kMostWeight;
-  const Sums counted = weight < most ? weight : most;
-  const Sums change =
-      ((SignedDistance::kFree - old) * counted + kHalf) >> SignedDistance::kForgetBits;
-  const Sums touched = old == 0 ? Sums{} + SignedDistance::kFree : old + change;
-  Sums result = Clamp(touched, limits);
-  result = result == 0 ? Sums{} + 1 : result;
-  return weight == 0 ? old : result;
+[[gnu::always_inline]] inline Sums DistanceOf(Sums occupied, Sums weight) {
+  constexpr float kRange = SignedDistance::kOccupied - SignedDistance::kFree;
+  const Shares share = __builtin_convertvector(occupied, Shares) /
+                       __builtin_convertvector(weight > 0 ? weight : Sums{} + 1, Shares);
+  return SignedDistance::kFree + __builtin_convertvector(share * kRange + 0.5F, Sums);
 }
 
 bool CommitDistances(int32_t* weights, int32_t* occupied, ControlLimits limits,
@@ -541,13 +532,12 @@ bool CommitDistances(int32_t* weights, int32_t* occupied, ControlLimits limits,
       Store(Sums{}, weights + place);
       const Sums old = Widen(Load<ControlPoints>(from + row * kSide + k));
       const Sums part = occupied == nullptr ? Sums{} : Load<Sums>(occupied + place);
-      Sums result;
-      if (IsZero(part)) {
-        result = AverageFree(weight, old, limits);
-      } else {
-        result = Average(weight, part, old, limits);
+      Sums distance = Sums{} + SignedDistance::kFree;
+      if (!IsZero(part)) {
+        distance = DistanceOf(part, weight);
         Store(Sums{}, occupied + place);
       }
+      const Sums result = Averaged(distance, weight, old, limits);
       is_changed |= result ^ old;
       Store(Narrow(result), to + row * kSide + k);
     }
