@@ -49,6 +49,8 @@ def style(method):
         color = "tab:cyan"
     if "double" in method:
         color = "black"
+    if "signed distance" in method:
+        color = "tab:purple"
     return color
 
 
