@@ -16,6 +16,7 @@
 #include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lib/base/status.h"
+#include "lib/config/config.h"
 #include "lib/replication/replication_message.h"
 #include "lib/wire/decode.h"
 #include "splinemap/file.h"
@@ -32,7 +33,7 @@ namespace {
 using Bytes = std::vector<uint8_t>;
 using Random = std::mt19937_64;
 
-constexpr MapOptions kOptions{0.05, {-2560, 2560}};
+const MapOptions kOptions = MapOptionsOf(config::Method());  // of the daemon
 // A daemon goes on from its file after half of a block, and from the first file after one.
 constexpr int64_t kBlock = 400;
 

@@ -1,6 +1,7 @@
-// hostile_names bus | log FILE | map FILE VALUE: escape codes, line ends and bytes that are no UTF-8 in
-// every text that splinemap takes. Publishes them, as daemons and robots would, and answers who
-// asks; or writes a log whose channels, or a map of one value whose layers have such names.
+// hostile_names bus | log FILE | map FILE VALUE: escape codes, line ends and bytes that are no
+// UTF-8 in every text that splinemap takes. Publishes them, as daemons and robots would, and
+// answers who asks; or writes a log whose channels, or a map of one value whose layers have such
+// names.
 #include <fmt/format.h>
 
 #include <chrono>
@@ -16,6 +17,7 @@
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
+#include "lib/config/config.h"
 #include "lib/logs/lcm_log.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
@@ -68,8 +70,9 @@ layer_digest_t Digest(const std::string& name, int64_t origin, double knot_inter
   digest.protocol_version = 2;
   digest.knot_interval_m = knot_interval_m;
   digest.root_level = 1;
-  digest.min_control_point = -2560;
-  digest.max_control_point = 2560;
+  const ControlLimits limits = MapOptionsOf(config::Method()).limits;  // of daemons by themselves
+  digest.min_control_point = limits.min;
+  digest.max_control_point = limits.max;
   digest.revision = 1;
   digest.state = 1;
   return digest;
@@ -128,7 +131,7 @@ absl::Status WriteLog(const std::string& path) {
 }
 
 absl::Status WriteMap(const std::string& path, ControlPoint value) {
-  MapWriter map({0.05, {-2560, 2560}});
+  MapWriter map(MapOptionsOf(config::Method()));
   for (const char* name : {"Xfirst", "Xsecond", "Xmuted"}) {
     Layer& layer = map.AddLayer({Hostile(name), RandomId()}, {1, 1});
     layer.BeginCommit();
@@ -149,7 +152,9 @@ absl::Status Run(const std::vector<std::string>& words) {
   if (words.size() == 3 && words[0] == "map") {
     return WriteMap(words[1], static_cast<ControlPoint>(std::stoi(words[2])));
   }
-  return words == std::vector<std::string>{"bus"} ? Shout() : absl::InvalidArgumentError("bus | log FILE | map FILE VALUE");
+  return words == std::vector<std::string>{"bus"}
+             ? Shout()
+             : absl::InvalidArgumentError("bus | log FILE | map FILE VALUE");
 }
 
 }  // namespace

@@ -21,6 +21,7 @@
 #include "lcmtypes/splinemap/layers_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
+#include "lib/config/config.h"
 #include "lib/replication/hash_tree.h"
 #include "lib/replication/replication_message.h"
 #include "lib/tiles/tile_codec.h"
@@ -37,7 +38,8 @@ namespace splinemap::field_walk_daemon_test {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-constexpr MapOptions kOptions{0.05, {-2560, 2560}};  // of daemons by themselves
+// As daemons have them by themselves: else they refuse the owner's layer.
+const MapOptions kOptions = MapOptionsOf(config::Method());
 
 std::string TextOf(const absl::Status& status) { return std::string(status.message()); }
 
@@ -258,6 +260,7 @@ class DaemonWalkTest : public testing::Test {
 
 TEST_F(DaemonWalkTest, NoFieldOfAMessageHarmsADaemon) {
   const std::vector<Walk> walks = Walks();
+  ASSERT_EQ(Try(directory_.File("map"), walks[0], {}), "");
   Tally tally("daemon");
   std::atomic<size_t> next = 0;
   Mutex mutex;  // of tally
