@@ -48,36 +48,64 @@ void Raster::Mark(const Region& region) {
   }
 }
 
-absl::Status WritePng(const Raster& raster, NewFile& file) {
+namespace {
+
+// A raster as libpng takes it.
+struct PngSource {
   using Colour = std::array<png_byte, 3>;
-  constexpr Colour kUnknownColour = {176, 190, 205};
-  constexpr Colour kMarkedColour = {220, 30, 30};
-  std::array<Colour, 256> colours;
-  for (int k = 0; k < 256; ++k) colours[k].fill(static_cast<png_byte>(k));
-  colours[Raster::kUnknown] = kUnknownColour;
 
   png_image image{};
-  image.version = PNG_IMAGE_VERSION;
-  image.width = static_cast<png_uint_32>(raster.grid.width);
-  image.height = static_cast<png_uint_32>(raster.grid.height);
-  int written = 0;
-  if (raster.marked.empty()) {
-    image.format = PNG_FORMAT_RGB_COLORMAP;
-    image.colormap_entries = 256;
-    written = png_image_write_to_stdio(&image, file.stream(), 0, raster.pixels.data(),
-                                       raster.grid.width, colours.data());
-  } else {
-    image.format = PNG_FORMAT_RGB;
-    std::vector<Colour> pixels;
-    pixels.reserve(raster.pixels.size());
-    for (size_t k = 0; k < raster.pixels.size(); ++k) {
-      pixels.push_back(raster.marked[k] ? kMarkedColour : colours[raster.pixels[k]]);
+  std::vector<Colour> colours;  // of the values of pixels, or, where any is marked, of each pixel
+  const void* pixels = nullptr;
+  int row_bytes = 0;
+
+  explicit PngSource(const Raster& raster) {
+    constexpr Colour kUnknownColour = {176, 190, 205};
+    constexpr Colour kMarkedColour = {220, 30, 30};
+    colours.resize(256);
+    for (int k = 0; k < 256; ++k) colours[k].fill(static_cast<png_byte>(k));
+    colours[Raster::kUnknown] = kUnknownColour;
+    image.version = PNG_IMAGE_VERSION;
+    image.width = static_cast<png_uint_32>(raster.grid.width);
+    image.height = static_cast<png_uint_32>(raster.grid.height);
+    image.format = raster.marked.empty() ? PNG_FORMAT_RGB_COLORMAP : PNG_FORMAT_RGB;
+    if (raster.marked.empty()) {
+      image.colormap_entries = 256;
+      pixels = raster.pixels.data();
+      row_bytes = raster.grid.width;
+      return;
     }
-    written = png_image_write_to_stdio(&image, file.stream(), 0, pixels.data(),
-                                       3 * raster.grid.width, nullptr);
+    std::vector<Colour> coloured;
+    coloured.reserve(raster.pixels.size());
+    for (size_t k = 0; k < raster.pixels.size(); ++k)
+      coloured.push_back(raster.marked[k] ? kMarkedColour : colours[raster.pixels[k]]);
+    colours = std::move(coloured);
+    pixels = colours.data();
+    row_bytes = 3 * raster.grid.width;
   }
-  if (written == 0) return Unavailable("cannot write {}: {}", file.path(), image.message);
+};
+
+}  // namespace
+
+absl::Status WritePng(const Raster& raster, NewFile& file) {
+  PngSource png(raster);
+  if (png_image_write_to_stdio(&png.image, file.stream(), 0, png.pixels, png.row_bytes,
+                               png.colours.data()) == 0) {
+    return Unavailable("cannot write {}: {}", file.path(), png.image.message);
+  }
   return absl::OkStatus();
+}
+
+absl::StatusOr<std::string> EncodePng(const Raster& raster) {
+  PngSource png(raster);
+  png_alloc_size_t size = PNG_IMAGE_PNG_SIZE_MAX(png.image);
+  std::string bytes(size, '\0');
+  if (png_image_write_to_memory(&png.image, bytes.data(), &size, 0, png.pixels, png.row_bytes,
+                                png.colours.data()) == 0) {
+    return Unavailable("cannot make a picture: {}", png.image.message);
+  }
+  bytes.resize(size);
+  return bytes;
 }
 
 }  // namespace splinemap

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "lib/base/file.h"
 #include "lib/render/pixel_grid.h"
 #include "splinemap/map_view.h"
@@ -20,7 +21,7 @@ struct Raster {
   PixelGrid grid;
   std::vector<uint8_t> pixels;  // grid.width * grid.height
 
-  std::vector<bool> marked{};   // the same size, or empty: none is
+  std::vector<bool> marked{};  // the same size, or empty: none is
 
   // Marks the pixels whose centres lie in `region`, at least the one that has its centre.
   void Mark(const Region& region);
@@ -36,5 +37,6 @@ Raster RenderMap(const MapView& map, const PixelGrid& grid);
 
 // Unknown blue-grey, free white, occupied black, marked red.
 absl::Status WritePng(const Raster& raster, NewFile& file);
+absl::StatusOr<std::string> EncodePng(const Raster& raster);
 
 }  // namespace splinemap

@@ -8,6 +8,7 @@
 #include "lcmtypes/bot_core/pose_t.hpp"
 #include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/michigan/lidar_t.hpp"
+#include "lcmtypes/michigan/path2D_t.hpp"
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
 #include "lib/base/status.h"
 #include "lib/wire/message_type.h"
@@ -110,6 +111,20 @@ absl::StatusOr<TimedPose> DecodePose(absl::Span<const uint8_t> message) {
     return InvalidArgument("pose that is not finite");
   }
   return pose;
+}
+
+absl::StatusOr<std::vector<Pose2>> DecodePath(absl::Span<const uint8_t> message) {
+  if (TypeOf(message) != MessageType::kPath2d)
+    return UnknownType(message, "a path2D_t is expected");
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto path, DecodeSensor<michigan::path2D_t>(message));
+  std::vector<Pose2> poses;
+  for (const michigan::pose_xyt_t& pose : path.path) {
+    if (!std::isfinite(pose.x) || !std::isfinite(pose.y) || !std::isfinite(pose.theta))
+      return InvalidArgument("path2D_t with a pose that is not finite");
+    poses.push_back({{pose.x, pose.y}, pose.theta});
+  }
+  if (poses.empty()) return InvalidArgument("path2D_t without a pose");
+  return poses;
 }
 
 absl::StatusOr<SensorMount> DecodeSensorMount(absl::Span<const uint8_t> message) {

@@ -1,10 +1,12 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "lib/sensing/pose_buffer.h"
+#include "splinemap/pose2.h"
 #include "splinemap/scan.h"
 #include "splinemap/sensor_options.h"
 
@@ -19,6 +21,8 @@ namespace splinemap {
 absl::StatusOr<RangeReadings> DecodeScan(absl::Span<const uint8_t> message);
 // A bot_core.pose_t or Michigan's pose_xyt_t.
 absl::StatusOr<TimedPose> DecodePose(absl::Span<const uint8_t> message);
+// A path2D_t: at least one pose.
+absl::StatusOr<std::vector<Pose2>> DecodePath(absl::Span<const uint8_t> message);
 // A bot_core.rigid_transform_t that maps the sensor's frame into the robot's.
 absl::StatusOr<SensorMount> DecodeSensorMount(absl::Span<const uint8_t> message);
 

@@ -1,0 +1,365 @@
+#include "services/viewer/server.h"
+
+#include <unistd.h>
+
+#include <boost/asio/co_spawn.hpp>
+#include <boost/asio/detached.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/ssl/context.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/core/tcp_stream.hpp>
+#include <boost/beast/http.hpp>
+#include <boost/beast/ssl/ssl_stream.hpp>
+#include <boost/beast/websocket.hpp>
+#include <boost/beast/websocket/ssl.hpp>
+#include <optional>
+#include <type_traits>
+#include <utility>  // before Boost 1.74, which lacks it
+
+#include "absl/strings/numbers.h"
+#include "lib/base/status.h"
+#include "services/viewer/into.h"
+#include "services/viewer/page_file.h"
+
+namespace splinemap {
+namespace {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace http = beast::http;
+namespace websocket = beast::websocket;
+using asio::awaitable;
+using asio::ip::tcp;
+using boost::system::error_code;
+using Request = http::request<http::string_body>;
+using Response = http::response<http::string_body>;
+using TlsStream = beast::ssl_stream<beast::tcp_stream>;
+
+constexpr std::chrono::seconds kRequestTimeout(10);  // for all of a request, and idle between two
+constexpr std::chrono::seconds kResponseTimeout(60);
+constexpr size_t kMaxHeaderBytes = 8 << 10;
+constexpr size_t kMaxBodyBytes = 4 << 10;
+constexpr size_t kMaxMessageBytes = 16 << 10;
+constexpr size_t kWorkers = 2;
+
+constexpr const char* kContentPolicy =
+    "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'; base-uri 'none'";
+
+std::string_view ToStd(beast::string_view text) { return {text.data(), text.size()}; }
+
+beast::tcp_stream& TcpOf(beast::tcp_stream& stream) { return stream; }
+beast::tcp_stream& TcpOf(TlsStream& stream) { return stream.next_layer(); }
+
+const PageFile* FindPageFile(const std::string& path) {
+  for (const PageFile& file : PageFiles()) {
+    if (file.path == path) return &file;
+  }
+  return nullptr;
+}
+
+// The socket that whoever started the process left for it: sd_listen_fds(3).
+std::optional<int> InheritedSocket() {
+  constexpr int kFirst = 3;
+  const char* pid = std::getenv("LISTEN_PID");
+  const char* count = std::getenv("LISTEN_FDS");
+  int number = 0;
+  const bool is_ours = pid != nullptr && count != nullptr && absl::SimpleAtoi(pid, &number) &&
+                       number == getpid() && std::string_view(count) == "1";
+  return is_ours ? std::optional(kFirst) : std::nullopt;
+}
+
+absl::StatusOr<tcp::acceptor> OpenAcceptor(asio::io_context& io, const ServerOptions& options) {
+  tcp::acceptor acceptor(io);
+  error_code error;
+  if (const std::optional<int> socket = InheritedSocket()) {
+    acceptor.assign(tcp::v4(), *socket, error);
+    if (error) return Unavailable("the socket of LISTEN_FDS is of no use: {}", error.message());
+    return acceptor;
+  }
+  const asio::ip::address address = asio::ip::make_address(options.address, error);
+  if (error) {
+    return InvalidArgument("{} is no address; 0.0.0.0 is every address of this computer",
+                           options.address);
+  }
+  const tcp::endpoint endpoint(address, options.port);
+  acceptor.open(endpoint.protocol(), error);
+  if (!error) acceptor.set_option(tcp::acceptor::reuse_address(true), error);
+  if (!error) acceptor.bind(endpoint, error);
+  if (!error) acceptor.listen(tcp::acceptor::max_listen_connections, error);
+  if (error) {
+    return Unavailable("cannot listen on {} port {}: {}; choose another with --port",
+                       options.address, options.port, error.message());
+  }
+  return acceptor;
+}
+
+absl::Status LoadCertificate(const ServerOptions& options, asio::ssl::context& tls) {
+  error_code error;
+  tls.set_options(asio::ssl::context::default_workarounds | asio::ssl::context::no_tlsv1 |
+                  asio::ssl::context::no_tlsv1_1);
+  tls.use_certificate_chain_file(options.certificate_path, error);
+  if (error)
+    return InvalidArgument("{} is no certificate: {}", options.certificate_path, error.message());
+  tls.use_private_key_file(options.key_path, asio::ssl::context::pem, error);
+  if (error) {
+    return InvalidArgument("{} is no key of the certificate: {}", options.key_path,
+                           error.message());
+  }
+  return absl::OkStatus();
+}
+
+class BeastServer : public Server {
+ public:
+  BeastServer(asio::io_context& io, tcp::acceptor acceptor, asio::ssl::context tls,
+              const ServerOptions& options, Viewer& viewer)
+      : io_(io),
+        acceptor_(std::move(acceptor)),
+        tls_(std::move(tls)),
+        options_(options),
+        viewer_(viewer) {
+    access_.is_loopback = acceptor_.local_endpoint().address().is_loopback();
+    access_.token = options.token;
+    asio::co_spawn(io_, Accept(), asio::detached);
+  }
+
+  // Before what its workers use is gone.
+  ~BeastServer() override { workers_.join(); }
+
+  std::string url() const override {
+    const tcp::endpoint endpoint = acceptor_.local_endpoint();
+    const std::string host =
+        endpoint.address().is_unspecified() ? "HOSTNAME" : endpoint.address().to_string();
+    return fmt::format("{}://{}:{}/{}", IsSecure() ? "https" : "http",
+                       endpoint.address().is_v6() ? "[" + host + "]" : host, endpoint.port(),
+                       options_.token.empty() ? "" : "?token=" + options_.token);
+  }
+
+ private:
+  bool IsSecure() const { return !options_.certificate_path.empty(); }
+
+  awaitable<void> Accept() {
+    while (true) {
+      error_code error;
+      tcp::socket socket = co_await acceptor_.async_accept(Into(error));
+      if (error) {  // out of file descriptors, say
+        asio::steady_timer pause(io_, std::chrono::milliseconds(100));
+        co_await pause.async_wait(Into(error));
+        continue;
+      }
+      if (connections_ >= kMaxConnections) {
+        viewer_.metrics().refused.Increment();
+        continue;  // closes it
+      }
+      asio::co_spawn(io_, Serve(std::move(socket)), asio::detached);
+    }
+  }
+
+  awaitable<void> Serve(tcp::socket socket) {
+    viewer_.metrics().connections.Set(++connections_);
+    error_code error;
+    socket.set_option(tcp::no_delay(true), error);
+    if (IsSecure()) {
+      TlsStream stream(std::move(socket), tls_);
+      TcpOf(stream).expires_after(kRequestTimeout);
+      co_await stream.async_handshake(asio::ssl::stream_base::server, Into(error));
+      if (!error) co_await ServeRequests(stream);
+    } else {
+      beast::tcp_stream stream(std::move(socket));
+      co_await ServeRequests(stream);
+    }
+    viewer_.metrics().connections.Set(--connections_);
+  }
+
+  template <typename Stream>
+  awaitable<void> ServeRequests(Stream& stream) {
+    beast::flat_buffer buffer(kMaxHeaderBytes + kMaxBodyBytes);
+    for (bool goes_on = true; goes_on;) {
+      http::request_parser<http::string_body> parser;
+      parser.header_limit(kMaxHeaderBytes);
+      parser.body_limit(kMaxBodyBytes);
+      TcpOf(stream).expires_after(kRequestTimeout);
+      error_code error;
+      co_await http::async_read(stream, buffer, parser, Into(error));
+      if (error == http::error::end_of_stream || error == beast::error::timeout) co_return;
+      if (error && error.category() != http::make_error_code(http::error::bad_method).category())
+        co_return;
+      viewer_.metrics().requests.Increment();
+      Request request = parser.release();
+      if (!error && websocket::is_upgrade(request) &&
+          ToStd(request.target()).substr(0, request.target().find('?')) == "/live") {
+        if (const absl::Status allowed = CheckAccess(request); allowed.ok()) {
+          co_await ServeBrowser(stream, request);
+          co_return;
+        }
+      }
+      HttpAnswer answer;
+      if (error) {
+        answer = ErrorAnswer(InvalidArgument("this is no request: {}", error.message()));
+      } else {
+        answer = co_await Answer(request);
+      }
+      if (answer.status >= 400) viewer_.metrics().refused.Increment();
+      Response response = ResponseOf(std::move(answer));
+      response.keep_alive(!error && request.keep_alive());
+      goes_on = response.keep_alive();
+      TcpOf(stream).expires_after(kResponseTimeout);
+      co_await http::async_write(stream, response, Into(error));
+      if (error) co_return;
+    }
+    error_code ignored;
+    TcpOf(stream).socket().shutdown(tcp::socket::shutdown_send, ignored);
+  }
+
+  absl::Status CheckAccess(const Request& request) const {
+    const absl::StatusOr<HttpTarget> target = HttpTarget::Parse(ToStd(request.target()));
+    if (!target.ok()) return target.status();
+    const auto token = target->parameters.find("token");
+    return access_.Check({.host = ToStd(request[http::field::host]),
+                          .origin = ToStd(request[http::field::origin]),
+                          .authorization = ToStd(request[http::field::authorization]),
+                          .token = token == target->parameters.end() ? "" : token->second});
+  }
+
+  awaitable<HttpAnswer> Answer(const Request& request) {
+    const absl::StatusOr<HttpTarget> target = HttpTarget::Parse(ToStd(request.target()));
+    if (!target.ok()) co_return ErrorAnswer(target.status());
+    const bool is_get = request.method() == http::verb::get;
+    if (is_get && target->path == "/healthz")
+      co_return HttpAnswer{.content_type = "text/plain", .body = "ok\n"};
+    if (const PageFile* file = FindPageFile(target->path); is_get && file != nullptr) {
+      co_return HttpAnswer{.content_type = std::string(file->content_type),
+                           .body = std::string(file->content)};
+    }
+    if (const absl::Status allowed = CheckAccess(request); !allowed.ok())
+      co_return ErrorAnswer(allowed);
+    if (is_get) co_return co_await OnWorkers([&] { return viewer_.Get(*target); });
+    if (request.method() != http::verb::post)
+      co_return ErrorAnswer(InvalidArgument("only GET and POST are answered"));
+    // A form of another site cannot send this without asking first.
+    if (ToStd(request[http::field::content_type]) != "application/json")
+      co_return ErrorAnswer(InvalidArgument("the Content-Type is to be application/json"));
+    co_return co_await OnWorkers([&] { return viewer_.Post(*target, request.body()); });
+  }
+
+  // What `make` returns, made in another thread.
+  template <typename Make>
+  awaitable<HttpAnswer> OnWorkers(Make make) {
+    HttpAnswer answer;
+    asio::steady_timer done(io_, asio::steady_timer::time_point::max());
+    asio::post(workers_, [&] {
+      try {
+        answer = make();
+      } catch (const std::exception& error) {
+        answer = ErrorAnswer(Unavailable("no answer: {}", error.what()));
+      }
+      asio::post(io_, [&] { done.cancel(); });
+    });
+    error_code ignored;
+    co_await done.async_wait(Into(ignored));
+    co_return answer;
+  }
+
+  static Response ResponseOf(HttpAnswer answer) {
+    Response response(http::int_to_status(static_cast<unsigned>(answer.status)), 11);
+    response.set(http::field::content_type, answer.content_type);
+    response.set(http::field::cache_control, "no-store");
+    response.set("Content-Security-Policy", kContentPolicy);
+    response.set("X-Content-Type-Options", "nosniff");
+    response.set("Referrer-Policy", "no-referrer");
+    if (answer.status == 401) response.set(http::field::www_authenticate, "Bearer");
+    response.body() = std::move(answer.body);
+    response.prepare_payload();
+    return response;
+  }
+
+  template <typename Stream>
+  awaitable<void> ServeBrowser(Stream& stream, const Request& request) {
+    // The WebSocket has timeouts of its own.
+    TcpOf(stream).expires_never();
+    auto socket = std::make_shared<websocket::stream<Stream>>(std::move(stream));
+    socket->set_option(websocket::stream_base::timeout::suggested(beast::role_type::server));
+    socket->read_message_max(kMaxMessageBytes);
+    socket->binary(true);
+    error_code error;
+    co_await socket->async_accept(request, Into(error));
+    if (error) co_return;
+    const std::shared_ptr<Viewer::Browser> browser = viewer_.Join();
+    if (browser == nullptr) {
+      viewer_.metrics().refused.Increment();
+      co_await socket->async_close({websocket::close_code::try_again_later, "too many pages"},
+                                   Into(error));
+      co_return;
+    }
+    asio::co_spawn(io_, SendFrames(socket, browser), asio::detached);
+    beast::flat_buffer buffer;
+    while (true) {
+      co_await socket->async_read(buffer, Into(error));
+      if (error) break;
+      const auto bytes = buffer.data();
+      const absl::Status handled =
+          viewer_.Handle(*browser, {static_cast<const char*>(bytes.data()), bytes.size()});
+      buffer.consume(bytes.size());
+      if (!handled.ok()) break;
+    }
+    viewer_.Leave(browser);
+    if (!error) {
+      co_await socket->async_close({websocket::close_code::policy_error, "no such message"},
+                                   Into(error));
+    }
+  }
+
+  template <typename Stream>
+  awaitable<void> SendFrames(std::shared_ptr<websocket::stream<Stream>> socket,
+                             std::shared_ptr<Viewer::Browser> browser) {
+    error_code error;
+    while (!browser->is_gone && !error) {
+      const std::optional<std::string> frame = viewer_.NextFrame(*browser);
+      if (frame) {
+        co_await socket->async_write(asio::buffer(*frame), Into(error));
+      } else {
+        browser->wake.expires_at(asio::steady_timer::time_point::max());
+        error_code cancelled;
+        co_await browser->wake.async_wait(Into(cancelled));
+      }
+    }
+  }
+
+  asio::io_context& io_;
+  tcp::acceptor acceptor_;
+  asio::ssl::context tls_;
+  const ServerOptions options_;
+  Viewer& viewer_;
+  Access access_;
+  int connections_ = 0;
+  asio::thread_pool workers_{kWorkers};
+};
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<Server>> Server::Listen(asio::io_context& io,
+                                                       const ServerOptions& options,
+                                                       Viewer& viewer) {
+  if (options.certificate_path.empty() != options.key_path.empty())
+    return InvalidArgument("TLS needs both, --certificate and --key");
+  SPLINEMAP_ASSIGN_OR_RETURN(tcp::acceptor acceptor, OpenAcceptor(io, options));
+  if (!acceptor.local_endpoint().address().is_loopback()) {
+    if (options.token.empty()) {
+      return InvalidArgument(
+          "{} can be reached from other computers: give a file with a token, --token-file",
+          acceptor.local_endpoint().address().to_string());
+    }
+    if (options.certificate_path.empty()) {
+      return InvalidArgument(
+          "{} can be reached from other computers: give a certificate, --certificate and --key, so "
+          "that nobody on the way reads the token",
+          acceptor.local_endpoint().address().to_string());
+    }
+  }
+  asio::ssl::context tls(asio::ssl::context::tls_server);
+  if (!options.certificate_path.empty()) SPLINEMAP_RETURN_IF_ERROR(LoadCertificate(options, tls));
+  return std::make_unique<BeastServer>(io, std::move(acceptor), std::move(tls), options, viewer);
+}
+
+}  // namespace splinemap
