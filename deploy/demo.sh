@@ -4,8 +4,8 @@ set -euo pipefail
 
 usage() {
   cat << EOF
-usage: deploy/demo.sh [--yes] [--installed] [LOG [input flags of splinemapd]]
-       deploy/demo.sh [--yes] [--installed] --two-robots [LOG_A LOG_B]
+usage: deploy/demo.sh [--yes] [--installed] [--no-viewer] [LOG [input flags of splinemapd]]
+       deploy/demo.sh [--yes] [--installed] [--no-viewer] --two-robots [LOG_A LOG_B]
 
   deploy/demo.sh                                     a simulated drive through an office floor
   deploy/demo.sh drive.lcmlog                        an LCM log
@@ -15,14 +15,18 @@ usage: deploy/demo.sh [--yes] [--installed] [LOG [input flags of splinemapd]]
   deploy/demo.sh --two-robots one.lcmlog two.lcmlog  two logs of one place, in one frame
 
 Installs what is missing (asks first on a terminal, unless --yes), builds, plays the log on a bus of
-its own that no robot hears, and writes build/demo/map.png and build/demo/demo.splinemap. Two robots
-follow each other: their sum is map.png, and in each of their files. --installed takes the programs
-on the PATH instead, and writes into the folder demo here. splinemapd --help lists input flags.
+its own that no robot hears, and writes build/demo/map.png and build/demo/demo.splinemap. On a
+terminal it shows the map in your browser meanwhile, and goes on until Ctrl-C, unless --no-viewer.
+Two robots follow each other: their sum is map.png, and in each of their files. --installed takes the
+programs on the PATH instead, and writes into the folder demo here. splinemapd --help lists input
+flags.
 EOF
 }
 
 top=$(cd "$(dirname "$(readlink -f "$0")")/.." && pwd -P)
-out=${SPLINEMAP_DEMO:-$top/build/demo}  # set by main, for what it starts
+# Both are set by main, for what it starts.
+out=${SPLINEMAP_DEMO:-$top/build/demo}
+viewer=${SPLINEMAP_DEMO_VIEWER:-no}
 
 say() { printf '%s\n' "$*" >&2; }
 die() { say "demo: $*"; exit 1; }
@@ -104,6 +108,61 @@ end_what_was_started() {
   for job in $(jobs -p); do kill "$job" 2> /dev/null || true; done
 }
 
+# Runs a command on the demo's own bus. With the viewer it inherits a socket of this computer, which
+# the viewer takes over there, so that the page opens in the user's own browser.
+on_own_bus() {
+  if [[ $viewer == no ]]; then
+    "$top/deploy/own_bus.sh" "$@"
+    return
+  fi
+  # shellcheck disable=SC2016  # Perl's
+  perl -MSocket -e '
+    $^F = 3;  # inherited, as the third file
+    socket(PAGE, PF_INET, SOCK_STREAM, 0) or die "socket: $!";
+    setsockopt(PAGE, SOL_SOCKET, SO_REUSEADDR, 1);
+    bind(PAGE, sockaddr_in(8086, INADDR_LOOPBACK)) or
+      bind(PAGE, sockaddr_in(0, INADDR_LOOPBACK)) or die "bind: $!";
+    listen(PAGE, 128) or die "listen: $!";
+    exec(@ARGV) or die "$ARGV[0]: $!"' "$top/deploy/own_bus.sh" "$@" 3>&-
+}
+
+# Starts the viewer on the socket of on_own_bus, with the flags of a daemon that it understands.
+start_viewer() {
+  local flags=()
+  [[ $viewer == yes ]] || return 0
+  while (($#)); do
+    case $1 in
+      --scan | --pose) flags+=("$1" "${2:-}"); shift ;;
+      --scan=* | --pose=*) flags+=("$1") ;;
+    esac
+    shift
+  done
+  (LISTEN_FDS=1 LISTEN_PID=$BASHPID exec splinemap-viewer "${flags[@]}") 2> "$out/viewer.log" &
+  viewer_id=$!
+  exec 3>&-
+  for _ in {1..50}; do
+    [[ -s $out/viewer.log ]] && break
+    sleep 0.1
+  done
+  say "$(head -n 1 "$out/viewer.log")"
+}
+
+# Until Ctrl-C, with the viewer.
+serve_page() {
+  [[ $viewer == yes ]] || return 0
+  trap 'exit 0' INT TERM
+  say "$(head -n 1 "$out/viewer.log")"
+  wait "$viewer_id" || die "the viewer ended: $(cat "$out/viewer.log")"
+}
+
+# What the demo leaves of one robot.
+show_map() {
+  splinemap render "$out/demo.splinemap"
+  splinemap render "$out/demo.splinemap" "$out/map.png" --force 2> /dev/null
+  splinemap info "$out/demo.splinemap"
+  echo "The map: $out/map.png (and $out/demo.splinemap)"
+}
+
 # The part on the demo's own bus: play LOG into a daemon with the remaining arguments as flags.
 play() {
   local log=$1 speed=$2 scans=$3 messages=$4
@@ -111,6 +170,7 @@ play() {
   rm -f "$out"/demo.splinemap* "$out/status.jsonl"
   trap end_what_was_started EXIT
   trap 'exit 130' INT TERM
+  start_viewer "$@"
   splinemapd --map "$out/demo.splinemap" "$@" 2> "$out/splinemapd.log" &
   local daemon=$!
   splinemap watch --once --timeout 15 > /dev/null ||
@@ -132,8 +192,12 @@ play() {
   done
   show_progress "$scans"
   if [[ -t 2 ]]; then printf '\n' >&2; fi
-  kill "$daemon"
-  wait "$daemon" || { cat "$out/splinemapd.log" >&2; die "the daemon failed"; }
+  if [[ $viewer == yes ]]; then
+    splinemap save 2> /dev/null || die "the daemon did not save the map"
+  else
+    kill "$daemon"
+    wait "$daemon" || { cat "$out/splinemapd.log" >&2; die "the daemon failed"; }
+  fi
   sleep 0.2  # the daemon's last status
   kill "$watch"
   wait "$watch" 2> /dev/null || true
@@ -143,6 +207,8 @@ play() {
   received=$(newest .messages_received)
   say "Sent $messages messages; received $received, mapped $(newest .scans_mapped) of $scans scans."
   ((received == messages)) || die "$((messages - received)) of them were lost on the way"
+  show_map
+  serve_page
 }
 
 # The part of two robots on the demo's own bus: a daemon for each, which follows the other.
@@ -151,6 +217,7 @@ play_two() {
   rm -f "$out"/robot-?.splinemap*
   trap end_what_was_started EXIT
   trap 'exit 130' INT TERM
+  start_viewer
   for k in 1 2; do
     mapfile -t flags < <(jq -r '.chosen_flags[]' "$out/robot-$k.json")
     splinemapd --map "$out/robot-$k.splinemap" --name "robot-$k" --follow 'robot-*' "${flags[@]}" \
@@ -174,6 +241,9 @@ play_two() {
     splinemap render --live --robot "robot-$k" "$out/robot-$k.png" --force 2> /dev/null
   done
   splinemap render --live "$out/map.png" --force 2> /dev/null
+  splinemap render --live
+  echo "The map of both: $out/map.png; of each: $out/robot-1.png, $out/robot-2.png"
+  serve_page
   for k in 1 2; do
     kill "${daemons[k - 1]}"
     wait "${daemons[k - 1]}" ||
@@ -194,9 +264,7 @@ two_robots() {
     inspect "$out/robot-$k.lcmlog" "robot-$k"
   done
   say "Playing both drives into a daemon each .."
-  "$top/deploy/own_bus.sh" "$0" --play-two
-  splinemap render "$out/robot-1.splinemap"
-  echo "The map of both: $out/map.png; of each: $out/robot-1.png, $out/robot-2.png"
+  on_own_bus "$0" --play-two
 }
 
 one_robot() {
@@ -211,20 +279,16 @@ one_robot() {
   messages=$(jq '(.scans + [.pose]) as $c | [.channels[] | select(.name | IN($c[])) | .messages] | add' \
     "$out/log.json")
   say "Playing $(basename "$log") ($(jq '.duration_s | round' "$out/log.json") s) at speed $(printf %.1f "$speed") into splinemapd .."
-  "$top/deploy/own_bus.sh" "$0" --play "$log" "$speed" "$scans" "$messages" "$@" "${chosen[@]}"
-
-  splinemap render "$out/demo.splinemap"
-  splinemap render "$out/demo.splinemap" "$out/map.png" --force 2> /dev/null
-  splinemap info "$out/demo.splinemap"
-  echo "The map: $out/map.png (and $out/demo.splinemap)"
+  on_own_bus "$0" --play "$log" "$speed" "$scans" "$messages" "$@" "${chosen[@]}"
 }
 
 main() {
-  local assume_yes=no installed=no demo=one_robot log='' argument arguments=()
+  local assume_yes=no installed=no no_viewer=no demo=one_robot log='' argument arguments=()
   for argument in "$@"; do
     case $argument in
       --yes) assume_yes=yes ;;
       --installed) installed=yes ;;
+      --no-viewer) no_viewer=yes ;;
       --two-robots) demo=two_robots ;;
       *) arguments+=("$argument") ;;
     esac
@@ -250,11 +314,15 @@ main() {
     source "$top/deploy/packages.sh"
     install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" "${DEMO_PACKAGES[@]}"
     build
-    PATH=$top/build/release/clients/splinemap:$top/build/release/services/splinemapd:$PATH
+    PATH=$top/build/release/clients/splinemap:$top/build/release/services/splinemapd:$top/build/release/services/viewer:$PATH
   fi
+  if [[ $no_viewer == no && -z ${CI:-} && -t 2 ]] && command -v splinemap-viewer > /dev/null; then
+    viewer=yes
+  fi
+  export SPLINEMAP_DEMO_VIEWER=$viewer
   if [[ $demo == one_robot ]] && (($# == 0)); then set -- ''; fi
   "$demo" "$@"
-  print_time_taken deploy/demo.sh
+  [[ $viewer == yes ]] || print_time_taken deploy/demo.sh
 }
 
 case ${1:-} in
