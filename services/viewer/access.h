@@ -10,15 +10,14 @@ namespace splinemap {
 // Who may ask. A value; thread-safe where it does not change.
 struct Access {
   bool is_loopback = true;  // the server listens on a loopback address
-  std::string token;        // empty: none is asked for; only on loopback
-  bool allows_commands = false;
+  std::string token{};      // empty: none is asked for; only on loopback
 
   // What a request says of where it comes from; empty where it does not.
   struct Claims {
-    std::string_view host;
-    std::string_view origin;
-    std::string_view authorization;
-    std::string_view token;  // in the target
+    std::string_view host{};
+    std::string_view origin{};
+    std::string_view authorization{};
+    std::string_view token{};  // in the target
   };
 
   // PermissionDenied for a page of another site, which a browser sends here with a name of its own

@@ -36,9 +36,10 @@ absl::StatusOr<ViewRequest> RequestOf(const json& view) {
   return request;
 }
 
-// The tiles of the request, cut to kMaxTiles about their middle.
-TileBox TilesOf(const ViewRequest& request, double knot_interval_m) {
-  TileBox box = TilesOf(request.region, knot_interval_m * std::ldexp(1, request.level));
+// The tiles of the request, in the frame of a layer, cut to kMaxTiles about their middle.
+TileBox TilesOf(const ViewRequest& request, KnotShift shift, double knot_interval_m) {
+  TileBox box = TilesOf(InLayerFrame(request.region, shift, knot_interval_m),
+                        knot_interval_m * std::ldexp(1, request.level));
   constexpr int32_t kMaxSide = 256;
   const auto cut = [](int32_t& begin, int32_t& end, int64_t size) {
     if (int64_t{end} - begin <= size) return;
@@ -53,9 +54,6 @@ TileBox TilesOf(const ViewRequest& request, double knot_interval_m) {
 }  // namespace
 
 absl::Status BrowserView::Handle(std::string_view message) {
-  // Deep nesting would use up the stack.
-  if (std::count(message.begin(), message.end(), '[') > 2)
-    return InvalidArgument("no such message");
   const json parsed = json::parse(message, nullptr, /*allow_exceptions=*/false);
   if (!parsed.is_object()) return InvalidArgument("a message that is no JSON object");
   try {
@@ -84,20 +82,21 @@ absl::Status BrowserView::SetRequest(ViewRequest request) {
 std::vector<BrowserView::Wanted> BrowserView::FindWanted(double knot_interval_m,
                                                          const FindSurface& find) {
   std::vector<Wanted> wanted;
-  const TileBox box = TilesOf(*request_, knot_interval_m);
-  const double centre_x = (box.tx0 + box.tx1 - 1) / 2.0;
-  const double centre_y = (box.ty0 + box.ty1 - 1) / 2.0;
-  if (is_request_new_) {
-    // What the page does not see any more it forgets.
-    absl::erase_if(sent_,
-                   [&](const auto& entry) { return !box.Contains(std::get<1>(entry.first)); });
-  }
   for (size_t n = 0; n < request_->surfaces.size(); ++n) {
     const int surface = static_cast<int>(n);
     const SurfaceLevels* levels = find(request_->surfaces[n]);
     if (levels == nullptr) continue;
+    const TileBox box = TilesOf(*request_, levels->shift(), knot_interval_m);
+    if (is_request_new_) {
+      // What the page does not see any more it forgets.
+      absl::erase_if(sent_, [&](const auto& entry) {
+        return std::get<0>(entry.first) == surface && !box.Contains(std::get<1>(entry.first));
+      });
+    }
     const uint64_t newest = levels->newest_change(request_->level);
     if (sent_up_to_[n] == newest) continue;
+    const double centre_x = (box.tx0 + box.tx1 - 1) / 2.0;
+    const double centre_y = (box.ty0 + box.ty1 - 1) / 2.0;
     const size_t before = wanted.size();
     for (int32_t ty = box.ty0; ty < box.ty1; ++ty) {
       for (int32_t tx = box.tx0; tx < box.tx1; ++tx) {

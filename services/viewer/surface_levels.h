@@ -6,6 +6,7 @@
 
 #include "absl/container/flat_hash_map.h"
 #include "lib/layers/layer_pyramid.h"
+#include "splinemap/layer_settings.h"
 #include "splinemap/level_of_detail.h"
 #include "splinemap/region.h"
 #include "splinemap/tile_tree.h"
@@ -30,6 +31,9 @@ class SurfaceLevels {
   const Change* FindChange(int level, TileKey key) const;
   // All numbers of changes at a level are up to this.
   uint64_t newest_change(int level) const { return levels_[level].newest_change; }
+  // From the frame of its tiles to that of the map.
+  KnotShift shift() const { return shift_; }
+  void set_shift(KnotShift shift) { shift_ = shift; }
   // Around all tiles of level 0 that ever were.
   const TileBox& box() const { return box_; }
 
@@ -48,6 +52,7 @@ class SurfaceLevels {
   uint64_t revision_ = 0;  // counts trees, for the pyramid
   uint64_t last_change_ = 0;
   TileBox box_;
+  KnotShift shift_;
 };
 
 }  // namespace splinemap

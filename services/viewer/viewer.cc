@@ -115,8 +115,10 @@ bool Viewer::AdvanceSurfaces(const LayerSet& set, const MapView& view) {
   sum_levels_.Set(surfaces_[kSum], view.options);
   for (const LayerSnapshot& layer : set.layers) {
     const std::string key = KeyOf(layer.id);
-    if (wanted.contains(key))
-      is_at_work |= surfaces_[key].Advance(layer.tiles, utime_ms, kTilesAtOnce);
+    if (!wanted.contains(key)) continue;
+    SurfaceLevels& surface = surfaces_[key];
+    surface.set_shift(set.settings.Of(layer.id).shift);
+    is_at_work |= surface.Advance(layer.tiles, utime_ms, kTilesAtOnce);
   }
   return is_at_work;
 }

@@ -1,4 +1,12 @@
-import { Tile, TileSet, TileStore, fillWithApron, kApron, kApronSide, kMaxTiles } from "./tile_store";
+import {
+  Tile,
+  TileSet,
+  TileStore,
+  fillWithApron,
+  kApron,
+  kApronSide,
+  kMaxTiles,
+} from "./tile_store";
 
 const kTilesPerSide = 56;
 const kPageSide = kTilesPerSide * kApronSide; // 2016 texels, 8 MB

@@ -32,10 +32,9 @@ export class Card {
     setText(text, content.text);
     text.hidden = !content.text;
     byId("card").dataset.tone = content.tone;
-    byId("card-rows").replaceChildren(...content.rows.flatMap(([name, value]) => [
-      make("dt", "", name),
-      make("dd", "", value),
-    ]));
+    byId("card-rows").replaceChildren(
+      ...content.rows.flatMap(([name, value]) => [make("dt", "", name), make("dd", "", value)]),
+    );
     byId("card-layers").replaceChildren(...content.layers.map((layer) => this.layerRow(layer)));
   }
 
@@ -71,7 +70,10 @@ function contentOf(tools: Tools): Content | null {
 
 function goalContent({ goal, error, isGoalSent }: Tools): Partial<Content> {
   const { x_m, y_m, yaw_rad } = goal!;
-  const rows: Row[] = [["Position", `${words.place(x_m, y_m)} m`], ["Heading", words.degrees(yaw_rad)]];
+  const rows: Row[] = [
+    ["Position", `${words.place(x_m, y_m)} m`],
+    ["Heading", words.degrees(yaw_rad)],
+  ];
   const text = error || (isGoalSent ? "Sent." : "");
   return { title: "Goal", text, rows, tone: error ? "bad" : isGoalSent ? "ok" : "" };
 }
@@ -80,7 +82,12 @@ function inspectContent({ inspected, sample, error }: Tools): Partial<Content> {
   const { x_m, y_m } = inspected!;
   const title = `${words.place(x_m, y_m)} m`;
   if (!sample) return { title, text: error || "Asking …", tone: error ? "bad" : "" };
-  return { title, text: error || knowledge(sample), rows: sampleRows(sample), layers: sample.layers };
+  return {
+    title,
+    text: error || knowledge(sample),
+    rows: sampleRows(sample),
+    layers: sample.layers,
+  };
 }
 
 function knowledge({ known, probability }: QueryAnswer): string {
@@ -103,7 +110,8 @@ function sampleRows(sample: QueryAnswer): Row[] {
 function measureContent({ measured, hover }: Tools): Partial<Content> {
   const points = measured.length === 1 && hover ? [...measured, hover] : measured;
   const [from, to] = points;
-  if (!from || !to) return { title: "Measure", text: from ? "Click the other end." : "Click two points." };
+  if (!from || !to)
+    return { title: "Measure", text: from ? "Click the other end." : "Click two points." };
   const angle_rad = Math.atan2(to.y_m - from.y_m, to.x_m - from.x_m);
   const rows: Row[] = [
     ["Distance", words.metres(lengthOf(points))],
@@ -118,7 +126,8 @@ const kTones = { free: "ok", occupied: "bad", unknown: "warn" };
 function segmentContent({ segment, check, radius_m, error }: Tools): Partial<Content> {
   const title = "Check a segment";
   if (error) return { title, text: error, tone: "bad" };
-  if (segment.length === 0) return { title, text: "Click two points: may a disc go from one to the other?" };
+  if (segment.length === 0)
+    return { title, text: "Click two points: may a disc go from one to the other?" };
   if (segment.length === 1) return { title, text: "Click the other end." };
   if (!check) return { title, text: "Asking …" };
   const tone = check.occupancy === "free" && !check.is_certified ? "warn" : kTones[check.occupancy];

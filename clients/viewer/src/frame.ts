@@ -41,7 +41,7 @@ export interface Layer {
   caught_up: boolean;
   staleness_ms: number | null; // null: never in sync
   heard_s_ago: number; // -1: not yet
-  contradicted: number; // 0..1, -1: cannot be told
+  contradicted: number | null; // 0..1; null and -1: cannot be told
   bounds: Box | null;
 }
 

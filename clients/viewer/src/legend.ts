@@ -9,16 +9,16 @@ const kWheel_px = 52;
 
 // What the colours mean. `layerColour` is that of one of the layers drawn, null for the sum.
 export function showLegend(view: ViewName, colours: MapColours, layerColour: Rgb | null): void {
-  const parts = layerColour
-    ? layerLegend(view, colours, layerColour)
-    : sumLegend(view, colours);
+  const parts = layerColour ? layerLegend(view, colours, layerColour) : sumLegend(view, colours);
   byId("legend").replaceChildren(...parts, unknownSwatch(view, colours));
 }
 
 function sumLegend(view: ViewName, colours: MapColours): HTMLElement[] {
   switch (view) {
     case "log_odds":
-      return [scale((part) => rampColour(colours.logOdds, part), ["−10 free", "0", "occupied +10"])];
+      return [
+        scale((part) => rampColour(colours.logOdds, part), ["−10 free", "0", "occupied +10"]),
+      ];
     case "contour":
       return [
         scale((part) => rampColour(colours.contour, part), ["free", "", "occupied"]),
@@ -27,16 +27,24 @@ function sumLegend(view: ViewName, colours: MapColours): HTMLElement[] {
     case "gradient":
       return [wheel(colours)];
     default:
-      return [scale((part) => rampColour(colours.probability, part * (254 / 255)), ["0 free", "½", "occupied 1"])];
+      return [
+        scale(
+          (part) => rampColour(colours.probability, part * (254 / 255)),
+          ["0 free", "½", "occupied 1"],
+        ),
+      ];
   }
 }
 
 function layerLegend(view: ViewName, colours: MapColours, colour: Rgb): HTMLElement[] {
   const grey: Rgb = [140, 146, 152];
   if (view === "contour") return [lines(colour)];
-  const bar = scale((part) => mix(colours.paper, colour, 0.2 + 0.8 * part), ["free", "", "occupied"]);
+  const bar = scale(
+    (part) => mix(colours.paper, colour, 0.2 + 0.8 * part),
+    ["free", "", "occupied"],
+  );
   if (view !== "last_seen") return [bar];
-  return [bar, scale((part) => mix(colour, grey, part), ["changed now", "", "an hour ago"])];
+  return [bar, scale((part) => mix(colour, grey, 0.65 * part), ["now", "", "1 h ago or more"])];
 }
 
 function scale(colourAt: (part: number) => Rgb, texts: [string, string, string]): HTMLElement {
@@ -77,7 +85,14 @@ function wheel({ direction, paper }: MapColours): HTMLElement {
   }
   context.putImageData(picture, 0, 0);
   const element = make("div", "legend-wheel-row");
-  element.append(canvas, make("span", "legend-text", "Hue: which way log-odds rise, towards obstacles. Pale: level ground."));
+  element.append(
+    canvas,
+    make(
+      "span",
+      "legend-text",
+      "Hue: which way log-odds rise, towards obstacles. Pale: level ground.",
+    ),
+  );
   return element;
 }
 
@@ -86,7 +101,8 @@ function unknownSwatch(view: ViewName, colours: MapColours): HTMLElement {
   box.style.backgroundColor = css(colours.unknown);
   if (view !== "probability") {
     const [line, ground] = [css(colours.hatch), css(colours.unknown)];
-    box.style.backgroundImage = `repeating-linear-gradient(135deg, ${line} 0 2px, ${ground} 2px 5px)`;
+    const stripes = `${line} 0 2px, ${ground} 2px 5px`;
+    box.style.backgroundImage = `repeating-linear-gradient(135deg, ${stripes})`;
   }
   const element = make("div", "legend-note");
   element.append(box, make("span", "", "Never seen"));
@@ -106,5 +122,7 @@ export function showScaleBar({ view }: Camera): void {
 function lengthText(length_m: number): string {
   if (length_m >= 1000) return `${length_m / 1000} km`;
   if (length_m >= 1) return `${length_m} m`;
-  return length_m >= 0.01 ? `${Math.round(100 * length_m)} cm` : `${Number((1000 * length_m).toFixed(1))} mm`;
+  return length_m >= 0.01
+    ? `${Math.round(100 * length_m)} cm`
+    : `${Number((1000 * length_m).toFixed(1))} mm`;
 }

@@ -17,7 +17,7 @@ import { TestHook } from "./test_hook";
 import { ThemeChoice } from "./theme";
 import { TileStore } from "./tile_store";
 import { ToolName, Tools } from "./tools";
-import { boxInTiles, requestFor, serves } from "./view_request";
+import { Surface, boxInTiles, requestFor, serves, tileSide_m } from "./view_request";
 import { place, statusOf } from "./words";
 
 const kViews: ViewName[] = ["probability", "log_odds", "contour", "gradient", "last_seen"];
@@ -43,8 +43,12 @@ class Viewer {
   private readonly overlay = new Overlay(byId<HTMLCanvasElement>("overlay"), this.camera);
   private readonly panels: Panels;
   private readonly connection: Connection;
-  private readonly viewChoice = new Choice(byId("views"), "view", (v) => this.setView(v as ViewName));
-  private readonly toolChoice = new Choice(byId("tools"), "tool", (t) => this.tools.choose(t as ToolName));
+  private readonly viewChoice = new Choice(byId("views"), "view", (v) =>
+    this.setView(v as ViewName),
+  );
+  private readonly toolChoice = new Choice(byId("tools"), "tool", (t) =>
+    this.tools.choose(t as ToolName),
+  );
   private readonly sourceChoice = new Choice(byId("source"), "source", (s) => this.chooseSource(s));
   private readonly shown: Shown = { robots: true, trails: true, scans: true, paths: true };
   private view: ViewName = "probability";
@@ -52,19 +56,20 @@ class Viewer {
   private follows = true; // the growth of the map, until the user moves
   private request: ViewRequest | null = null; // what the server was asked for last
   private requestTimer = 0;
+  private mapName = "";
   private isMapDue = false;
   private isOverlayDue = false;
   private frameCount = 0;
   private lastError = "";
-  private newest_utime_ms = 0; // of all tiles, and when it came
-  private newestCame_ms = 0;
+  private newest_utime_ms = 0; // of all tiles
 
   constructor() {
     this.panels = new Panels(this.live, {
       isChosen: (layer) => this.surfaces.isChosen(layer),
       onToggle: (layer) => this.changeSurfaces(() => this.surfaces.toggle(layer)),
       onMute: (layer, isMuted) => void this.mute(layer, isMuted),
-      onFollow: (pose) => this.moveTo({ ...this.camera.view, centre_x_m: pose.x_m, centre_y_m: pose.y_m }),
+      onFollow: (pose) =>
+        this.moveTo({ ...this.camera.view, centre_x_m: pose.x_m, centre_y_m: pose.y_m }),
     });
     this.connection = new Connection(this.token, {
       onOpen: () => this.forget(),
@@ -93,11 +98,14 @@ class Viewer {
 
   private take(frame: Frame): void {
     const { revision } = this.live.map ?? {};
+    if (frame.map && frame.map.name !== this.mapName) this.follows = true;
+    this.mapName = frame.map?.name ?? this.mapName;
     const bounds = JSON.stringify(this.live.bounds());
     this.live.take(frame);
     this.noteNewest(frame);
     this.store.take(frame);
-    if (this.follows && (!this.request || JSON.stringify(this.live.bounds()) !== bounds)) this.fit();
+    if (this.follows && (!this.request || JSON.stringify(this.live.bounds()) !== bounds))
+      this.fit();
     if (frame.map && frame.map.revision !== revision) this.tools.mapChanged();
     if (frame.layers && this.view === "last_seen") this.showSurfaces();
     this.askForView();
@@ -107,9 +115,7 @@ class Viewer {
 
   private noteNewest({ tiles }: Frame): void {
     for (const { changed_utime_ms } of tiles?.updates ?? []) {
-      if (changed_utime_ms <= this.newest_utime_ms) continue;
-      this.newest_utime_ms = changed_utime_ms;
-      this.newestCame_ms = performance.now();
+      this.newest_utime_ms = Math.max(this.newest_utime_ms, changed_utime_ms);
     }
   }
 
@@ -122,15 +128,28 @@ class Viewer {
   private askForView(): void {
     if (this.requestTimer || !this.connection.isOpen() || !this.live.map) return;
     const { knot_interval_m } = this.live.map;
-    const wanted = requestFor(this.camera, knot_interval_m, this.surfaces.surfaces(this.view));
+    const surfaces = this.surfaces.surfaces(this.view).map((name) => this.surface(name));
+    const wanted = requestFor(this.camera, knot_interval_m, surfaces);
     if (this.request && serves(this.request, wanted, this.camera)) return;
     this.request = wanted;
-    this.store.ask(wanted.level, wanted.surfaces, boxInTiles(wanted, knot_interval_m, wanted.level));
+    const { level } = wanted;
+    const shift = this.greatestShift_m() / tileSide_m(knot_interval_m, level);
+    this.store.ask(level, wanted.surfaces, boxInTiles(wanted, knot_interval_m, level), 1 + shift);
     this.connection.sendView(wanted);
     this.requestTimer = window.setTimeout(() => {
       this.requestTimer = 0;
       this.askForView();
     }, kRequest_ms);
+  }
+
+  private surface(name: string): Surface {
+    const { tiles, bounds } = this.live.layer(name) ?? this.live.map ?? { tiles: 0, bounds: null };
+    return { name, tiles, bounds };
+  }
+
+  private greatestShift_m(): number {
+    const shifts_m = this.live.layers.flatMap((layer) => [layer.shift_x_m, layer.shift_y_m]);
+    return Math.max(0, ...shifts_m.map(Math.abs));
   }
 
   // --- Drawing: once for each frame of the screen in which something changed
@@ -161,13 +180,14 @@ class Viewer {
       colours: kMapColours[this.theme.theme()],
       knot_interval_m: this.live.map?.knot_interval_m ?? 1,
       lookOf: (surface) => this.lookOf(surface),
-      now_utime_ms: this.newest_utime_ms + performance.now() - this.newestCame_ms,
+      now_utime_ms: Math.max(Date.now(), this.newest_utime_ms),
     });
   }
 
   private lookOf(surface: string): LayerLook {
     const layer = this.live.layer(surface);
-    const { shift_x_m = 0, shift_y_m = 0 } = layer ?? {};
+    if (!layer) return { colour: [0, 0, 0], shift_x_m: 0, shift_y_m: 0 }; // the sum has none
+    const { shift_x_m, shift_y_m } = layer;
     return { colour: this.colourOf(surface), shift_x_m, shift_y_m };
   }
 
@@ -274,9 +294,11 @@ class Viewer {
   private showState(): void {
     const { map } = this.live;
     showStatus(statusOf(this.connectionState, this.live));
-    setText(byId("map-name"), map?.name ?? "");
-    byId("map-name").title = map?.name ?? "";
-    for (const element of document.querySelectorAll<HTMLElement>("[data-tool=goal], [data-commands]")) {
+    setText(byId("map-name"), this.mapName);
+    byId("map-name").title = this.mapName;
+    for (const element of document.querySelectorAll<HTMLElement>(
+      "[data-tool=goal], [data-commands]",
+    )) {
       element.hidden = !map?.allows_commands;
     }
     this.panels.show();
@@ -314,7 +336,7 @@ class Viewer {
   private listen(): void {
     new Gestures(this.canvas, this.camera, {
       onMoved: () => this.movedByUser(),
-      onClick: (at) => this.tools.click(this.pointAt(at), this.live.poses[0]),
+      onClick: (at) => this.click(this.pointAt(at)),
       onHover: (at) => this.showPosition(at),
       takesDrags: () => this.tools.active === "goal",
       onDrag: (from, to) => this.tools.aim(this.goalBetween(from, to)),
@@ -323,11 +345,22 @@ class Viewer {
         void this.tools.sendGoal();
       },
     });
+    this.canvas.addEventListener("keydown", (event) => event.key === "Enter" && this.clickMiddle());
     this.listenToButtons();
     listenToKeys(this.keyActions());
     new ResizeObserver(() => this.resize()).observe(byId("stage"));
     if (window.innerWidth >= kSheet_px) document.body.classList.add("panel-open");
     setInterval(() => this.view === "last_seen" && this.requestMap(), kAging_ms);
+  }
+
+  private click(point: Point): void {
+    this.tools.click(point, this.live.poses[0]);
+  }
+
+  // For those without a pointer.
+  private clickMiddle(): void {
+    const { centre_x_m, centre_y_m } = this.camera.view;
+    this.click({ x_m: centre_x_m, y_m: centre_y_m });
   }
 
   private pointAt({ x_px, y_px }: Pixel): Point {
@@ -389,16 +422,36 @@ class Viewer {
   private testHook(): TestHook {
     const viewer = this;
     return {
-      get isConnected() { return viewer.connectionState === "open"; },
-      get isComplete() { return viewer.store.isComplete && !viewer.requestTimer; },
-      get frameCount() { return viewer.frameCount; },
-      get drawTime_ms() { return viewer.renderer.drawTime_ms; },
-      get tileCount() { return viewer.store.tileCount(); },
-      get level() { return viewer.store.current.level; },
-      get surfaces() { return viewer.store.current.surfaces; },
-      get revision() { return viewer.live.map?.revision ?? 0; },
-      get lastError() { return viewer.lastError; },
-      get view() { return { ...viewer.camera.view }; },
+      get isConnected() {
+        return viewer.connectionState === "open";
+      },
+      get isComplete() {
+        return viewer.store.isComplete && !viewer.requestTimer;
+      },
+      get frameCount() {
+        return viewer.frameCount;
+      },
+      get drawTime_ms() {
+        return viewer.renderer.drawTime_ms;
+      },
+      get tileCount() {
+        return viewer.store.tileCount();
+      },
+      get level() {
+        return viewer.store.current.level;
+      },
+      get surfaces() {
+        return viewer.store.current.surfaces;
+      },
+      get revision() {
+        return viewer.live.map?.revision ?? 0;
+      },
+      get lastError() {
+        return viewer.lastError;
+      },
+      get view() {
+        return { ...viewer.camera.view };
+      },
       worldToPixel: (x_m, y_m) => viewer.camera.toPixel(x_m, y_m),
       pixelToWorld: (x_px, y_px) => viewer.camera.toMap(x_px, y_px),
       setView: (view) => viewer.moveTo(view),

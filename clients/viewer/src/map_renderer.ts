@@ -55,7 +55,12 @@ export class MapRenderer {
     private readonly store: TileStore,
     onRestored: () => void,
   ) {
-    const options: WebGLContextAttributes = { alpha: false, antialias: false, depth: true, stencil: false };
+    const options: WebGLContextAttributes = {
+      alpha: false,
+      antialias: false,
+      depth: true,
+      stencil: false,
+    };
     const gl = canvas.getContext("webgl2", options) as WebGL2RenderingContext | null;
     if (!gl) throw new Error("This browser has no WebGL2, which the map is drawn with.");
     this.gl = gl;

@@ -144,10 +144,22 @@ export class Overlay {
   private drawRobot(pose: Pose, live: LiveState): void {
     const colour = css(this.channelColour(live, pose.channel));
     const at = this.pixelOf(pose);
+    if (!this.isOnScreen(at)) return;
     this.context.globalAlpha = opacity(pose.heard_s_ago);
     this.drawArrow(at, pose.yaw_rad, kRobot_px, colour);
     this.drawLabel(pose.channel.slice(0, 40), { x_px: at.x_px + 14, y_px: at.y_px - 12 });
     this.context.globalAlpha = 1;
+  }
+
+  private isOnScreen({ x_px, y_px }: Pixel): boolean {
+    const { width_px, height_px } = this.camera;
+    const margin_px = 2 * kRobot_px;
+    return (
+      x_px > -margin_px &&
+      y_px > -margin_px &&
+      x_px < width_px + margin_px &&
+      y_px < height_px + margin_px
+    );
   }
 
   private channelColour(live: LiveState, channel: string): Rgb {
@@ -171,8 +183,10 @@ export class Overlay {
     context.restore();
   }
 
-  private drawLabel(text: string, { x_px, y_px }: Pixel): void {
+  private drawLabel(text: string, at: Pixel): void {
     const { context } = this;
+    const { y_px } = at;
+    const x_px = Math.min(at.x_px, this.camera.width_px - context.measureText(text).width - 6);
     context.textBaseline = "middle";
     context.textAlign = "left";
     context.strokeStyle = this.inks.halo;
@@ -186,7 +200,12 @@ export class Overlay {
     const { x_px, y_px } = this.pixelOf(point);
     const { context } = this;
     context.beginPath();
-    for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]] as const) {
+    for (const [dx, dy] of [
+      [1, 0],
+      [-1, 0],
+      [0, 1],
+      [0, -1],
+    ] as const) {
       context.moveTo(x_px + 5 * dx, y_px + 5 * dy);
       context.lineTo(x_px + 12 * dx, y_px + 12 * dy);
     }

@@ -31,8 +31,13 @@ export class Panels {
     this.layers.show(live.layers, (layer) => layer.key);
     this.robots.show(live.poses, (pose) => pose.channel);
     this.daemons.show(live.daemons, (daemon) => `${daemon.name} ${daemon.version}`);
-    showNotes(byId("refused"), (live.map?.refused ?? []).map((why) => `Not followed: ${why}`));
-    byId("daemons-section").hidden = live.map?.source === "file";
+    showNotes(
+      byId("refused"),
+      (live.map?.refused ?? []).map((why) => `Not followed: ${why}`),
+    );
+    const isFile = live.map?.source === "file";
+    byId("daemons-section").hidden = isFile;
+    byId("robots-section").hidden = isFile && live.poses.length === 0;
     setText(byId("map-figures"), figures(live));
     setText(byId("panel-summary"), summary(live));
   }
@@ -48,7 +53,9 @@ export class Panels {
     label.append(box, swatch(colour), name);
     const mute = make("button", "mute");
     mute.type = "button";
-    mute.addEventListener("click", () => this.handlers.onMute(layer.key, !isMuted(this.live, layer.key)));
+    mute.addEventListener("click", () =>
+      this.handlers.onMute(layer.key, !isMuted(this.live, layer.key)),
+    );
     const state = make("span", "state");
     const figuresText = make("span", "detail");
     element.append(label, mute, state, figuresText);

@@ -2,13 +2,21 @@ import { kLogOddsRange } from "./colours";
 import { kTileSide } from "./frame";
 
 // How a tile is coloured; the values of `style` in the fragment shader.
-export const kStyle = { probability: 0, logOdds: 1, contour: 2, gradient: 3, newest: 4, tint: 5, lines: 6 };
+export const kStyle = {
+  probability: 0,
+  logOdds: 1,
+  contour: 2,
+  gradient: 3,
+  newest: 4,
+  tint: 5,
+  lines: 6,
+};
 
 // Half a turn of the hatch over unknown ground.
 export const kHatch_px = 7;
 
-// Lengths are in knots of the level, from the control point (0, 0) of the tile `anchor`, which is at
-// the lower left corner of the picture: floats are exact enough there wherever the map is.
+// Lengths are in knots of the level, from the control point (0, 0) of the tile `anchor`, which is
+// at the lower left corner of the picture: floats are exact enough there wherever the map is.
 //
 // A tile is drawn half a knot to the lower left of its control points, so that the control point
 // nearest to each of its pixels, the one that tells whether they are known, is its own.
@@ -126,7 +134,7 @@ vec3 of_gradient(vec2 gradient) {
 
 // The layer's colour: a tint where it is free, in full where it is occupied.
 vec3 of_layer(float p) {
-  vec3 faded = mix(vec3(dot(colour, vec3(0.3, 0.6, 0.1))), colour, 0.15 + 0.85 * vivid);
+  vec3 faded = mix(vec3(dot(colour, vec3(0.3, 0.6, 0.1))), colour, 0.35 + 0.65 * vivid);
   vec3 tint = mix(paper, faded, 0.16 + 0.26 * vivid);
   return mix(tint, mix(faded, line, 0.25), p);
 }

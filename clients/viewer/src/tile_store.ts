@@ -1,6 +1,6 @@
 import { Box, Frame, TileNews, TileUpdate, kTileSide } from "./frame";
 
-// All tiles together, of all levels and surfaces: 25 MB here and as much in the atlas.
+// All tiles together, of all levels and surfaces: 25 MB here, and 33 MB in the atlas.
 export const kMaxTiles = 12_000;
 
 // A frame that comes first after a view was asked for may answer the view before; when nothing
@@ -82,8 +82,9 @@ export class TileStore {
     this.box = null;
   }
 
-  // The server was asked for a view. `box` is in tiles of the level.
-  ask(level: number, surfaces: string[], box: Box): void {
+  // The server was asked for a view. `box` is in tiles of the level; tiles further than `margin`
+  // from it are none that the server keeps up to date, wherever layers are shifted to.
+  ask(level: number, surfaces: string[], box: Box, margin: number): void {
     clearTimeout(this.settling);
     this.isNewGeneration = !this.current.holds(level, surfaces);
     if (this.isNewGeneration) this.begin(level, surfaces);
@@ -91,7 +92,7 @@ export class TileStore {
     this.framesSinceAsked = 0;
     this.box = box;
     this.forEachTile((tile) => {
-      if (!isInBox(tile, box, 1)) tile.isConfirmed = false;
+      if (!isInBox(tile, box, margin)) tile.isConfirmed = false;
     });
   }
 

@@ -5,7 +5,7 @@ export type ToolName = "inspect" | "measure" | "segment" | "goal";
 
 const kRefresh_ms = 1000;
 
-// What the tools have marked on the map, and the server's answers to it. Answers are asked for again
+// What the tools have marked on the map, and the server's answers to it. They are asked for again
 // when the map changed, once a second at most.
 export class Tools {
   active: ToolName = "inspect";

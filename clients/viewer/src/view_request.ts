@@ -8,14 +8,24 @@ const kMargin = 0.2; // of the width and height, asked for around the screen
 const kMaxTilesOfSurface = 4000; // the server sends 4,096
 const kMaxTilesAsked = 6000; // of all surfaces, so that the generation before fits in as well
 
+export interface Surface {
+  name: string;
+  tiles: number; // at level 0, which is more than at any other
+  bounds: Box | null; // null: not told
+}
+
 // The finest level with a pixel of the screen per knot or more, and not too many tiles.
-export function chooseLevel(camera: Camera, knot_interval_m: number, surfaces: number): number {
+function chooseLevel(camera: Camera, knot_interval_m: number, surfaces: Surface[]): number {
   const pixel_m = camera.view.metres_per_pixel / devicePixelRatio;
-  const limit = Math.min(kMaxTilesOfSurface, kMaxTilesAsked / surfaces);
   const box = withMargin(camera.box());
   for (let level = 0; level < kMaxLevel; ++level) {
-    const isFineEnough = knot_interval_m * 2 ** level >= pixel_m;
-    if (isFineEnough && tilesIn(box, knot_interval_m, level) <= limit) return level;
+    if (knot_interval_m * 2 ** level < pixel_m) continue;
+    const tiles = tilesIn(box, knot_interval_m, level);
+    const asked = surfaces.reduce((sum, surface) => {
+      const part = surface.bounds ? intersection(box, surface.bounds) : box;
+      return sum + Math.min(tilesIn(part, knot_interval_m, level), surface.tiles);
+    }, 0);
+    if (tiles <= kMaxTilesOfSurface && asked <= kMaxTilesAsked) return level;
   }
   return kMaxLevel;
 }
@@ -23,10 +33,10 @@ export function chooseLevel(camera: Camera, knot_interval_m: number, surfaces: n
 export function requestFor(
   camera: Camera,
   knot_interval_m: number,
-  surfaces: string[],
+  surfaces: Surface[],
 ): ViewRequest {
-  const level = chooseLevel(camera, knot_interval_m, surfaces.length);
-  return { ...withMargin(camera.box()), level, surfaces };
+  const level = chooseLevel(camera, knot_interval_m, surfaces);
+  return { ...withMargin(camera.box()), level, surfaces: surfaces.map(({ name }) => name) };
 }
 
 // Whether tiles of the request fill the screen, at the level that fits.
@@ -66,7 +76,21 @@ function withMargin({ x0_m, y0_m, x1_m, y1_m }: Box): Box {
   };
 }
 
+export function tileSide_m(knot_interval_m: number, level: number): number {
+  return knot_interval_m * 2 ** level * kTileSide;
+}
+
 function tilesIn(box: Box, knot_interval_m: number, level: number): number {
-  const side_m = knot_interval_m * 2 ** level * kTileSide;
-  return ((box.x1_m - box.x0_m) / side_m + 1) * ((box.y1_m - box.y0_m) / side_m + 1);
+  const side_m = tileSide_m(knot_interval_m, level);
+  const across = (side: number) => Math.max(side / side_m, 0) + 1;
+  return across(box.x1_m - box.x0_m) * across(box.y1_m - box.y0_m);
+}
+
+function intersection(a: Box, b: Box): Box {
+  return {
+    x0_m: Math.max(a.x0_m, b.x0_m),
+    y0_m: Math.max(a.y0_m, b.y0_m),
+    x1_m: Math.min(a.x1_m, b.x1_m),
+    y1_m: Math.min(a.y1_m, b.y1_m),
+  };
 }

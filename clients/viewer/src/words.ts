@@ -78,7 +78,7 @@ export function layerState(layer: Layer): string {
   if (layer.shift_x_m !== 0 || layer.shift_y_m !== 0) {
     words.push(`shifted by ${metres(layer.shift_x_m)}, ${metres(layer.shift_y_m)}`);
   }
-  if (layer.contradicted > 0.1) words.push(`${percent(layer.contradicted)} contradicted`);
+  if ((layer.contradicted ?? -1) > 0.1) words.push(`${percent(layer.contradicted!)} contradicted`);
   return words.join(" · ");
 }
 
@@ -86,13 +86,14 @@ export function layerFigures(layer: Layer): string {
   const tiles = countOf(layer.tiles, "tile");
   if (layer.state === "file") return tiles;
   if (layer.staleness_ms === null) return `${tiles} · never in sync`;
-  const heard = layer.heard_s_ago >= kDaemonSilent_s ? `heard ${duration(layer.heard_s_ago)} ago` : "";
+  const heard =
+    layer.heard_s_ago >= kDaemonSilent_s ? `heard ${duration(layer.heard_s_ago)} ago` : "";
   return [tiles, heard || `${duration(layer.staleness_ms / 1000)} old`].join(" · ");
 }
 
 export type Tone = "ok" | "busy" | "warn" | "bad";
 
-// The state of everything: a word, and a sentence with details where something is not as it should be.
+// The state of everything: a word, and a sentence where something is not as it should be.
 export interface Status {
   tone: Tone;
   word: string;
@@ -137,16 +138,24 @@ function fileStatus(map: MapInfo): Status {
 
 function busTrouble(map: MapInfo, live: LiveState): Status | null {
   if (map.bus_problem) return status("bad", "No bus", "The LCM bus is away", [map.bus_problem]);
-  if (!map.bounds) return status("warn", "Empty", "Nothing mapped yet", reasonsForNothing(live));
+  if (!map.bounds) return emptyStatus(live);
   const gone = live.daemons.filter((daemon) => daemon.heard_s_ago > kDaemonSilent_s);
   if (live.daemons.length > 0 && gone.length === live.daemons.length) {
     return status("bad", "Daemon gone", goneSentence(gone), ["The map is as it was then."]);
   }
   if (gone.length > 0) return status("warn", "Live", goneSentence(gone));
   if (!map.is_caught_up) {
-    return status("warn", "Behind", "Catching up", ["Parts of the map are still on their way."]);
+    return status("warn", "Catching up");
   }
   return null;
+}
+
+function emptyStatus(live: LiveState): Status {
+  const isSummed = (layer: Layer) => !layer.is_muted && layer.state !== "removed";
+  if (live.layers.length > 0 && !live.layers.some(isSummed)) {
+    return status("warn", "Muted", "All layers are muted or removed");
+  }
+  return status("warn", "Empty", "Nothing mapped yet", reasonsForNothing(live));
 }
 
 function goneSentence(gone: Daemon[]): string {
@@ -175,7 +184,9 @@ function reasonOf(daemon: Daemon): string {
   if (daemon.scans_mapped > 0) return "its map is on the way.";
   const worst = [...daemon.drops].sort((a, b) => b.count - a.count)[0];
   const received = `${countOf(daemon.scans_received, "scan")} came and none was mapped`;
-  return worst ? `${received}: ${worst.count} dropped, ${dropPhrase(worst.reason)}.` : `${received}.`;
+  return worst
+    ? `${received}: ${worst.count} dropped, ${dropPhrase(worst.reason)}.`
+    : `${received}.`;
 }
 
 export function checkSentence(answer: CheckAnswer, radius_m: number, length_m: number): string {
