@@ -6,10 +6,11 @@ BUILD_PACKAGES=(
   liblcm-dev liblcm-bin libglib2.0-dev libeigen3-dev libprotobuf-dev protobuf-compiler libzstd-dev
   libabsl-dev libfmt-dev libspdlog-dev libcli11-dev libsqlite3-dev libsqlitecpp-dev libxxhash-dev
   libpng-dev libtiff-dev zlib1g-dev nlohmann-json3-dev libyaml-cpp-dev
+  esbuild libboost-dev libssl-dev prometheus-cpp-dev
 )
 DEMO_PACKAGES=(jq iproute2)
 TEST_PACKAGES=(
-  libgtest-dev jq iproute2 nftables sqlite3 python3 libompl-dev
+  libgtest-dev jq iproute2 nftables sqlite3 python3 libompl-dev curl
   default-jdk liblcm-java libjchart2d-java libxmlgraphics-commons-java libjide-oss-java
   libzstd-jni-java xvfb xdotool
 )

@@ -8,9 +8,10 @@ fi
 # shellcheck source=tests/integration/support.sh
 source "$1/tests/integration/support.sh" "$1"
 
-declare -A not_run=([builds]=0 [takes-minutes]=0 [opens-a-window]=0)
+declare -A not_run=([builds]=0 [takes-minutes]=0 [opens-a-window]=0 [viewer]=0)
 cd "$top"
-mapfile -t documents < <(find . -name '*.md' -not -path './build/*' -not -path './.*' |
+mapfile -t documents < <(find . -name '*.md' -not -path './build/*' -not -path './.*' \
+  -not -path '*/node_modules/*' |
   sed 's/^..//' | sort)
 ((${#documents[@]} > 35)) || fail "only ${#documents[@]} documents found"
 
@@ -103,6 +104,11 @@ cp fixtures/fleet.splinemap base.splinemap
 splinemapd --no-sensors --name base --map base.splinemap 2> base.log &
 base=$!
 await splinemap watch --once --timeout 2
+# For the blocks marked "sh viewer".
+if command -v splinemap-viewer > /dev/null; then
+  splinemap-viewer --allow-commands 2> viewer.log &
+  await curl -s localhost:8086/healthz
+fi
 
 run() {
   local command=$1 log flags chosen
@@ -140,6 +146,8 @@ run() {
     "splinemap watch" | "splinemap watch --json" | "splinemap bridge "*)  # run until they are ended
       expect 124 timeout 1 bash -c "exec $command"
       ;;
+    "splinemap-viewer "*) expect 124 timeout 1 bash -c "exec $command --port 0" ;;
+    "curl "*) expect 0 bash -c "curl --silent --fail ${command#curl }" ;;
     "splinemap-planner "*)
       command -v splinemap-planner > /dev/null ||
         { echo "skipped, OMPL is not there: $command"; return; }
@@ -163,6 +171,7 @@ for document in "${documents[@]}"; do
   cp -r "$work/fixtures" "$folder"
   cd "$folder"
   while IFS=$'\t' read -r reason command <&3; do
+    [[ $reason != viewer ]] || ! command -v splinemap-viewer > /dev/null || reason=run
     if [[ $reason != run ]]; then
       [[ -n ${not_run[$reason]:-} ]] || fail "$document: no reason not to run a command: $reason"
       not_run[$reason]=$((${not_run[$reason]} + 1))
