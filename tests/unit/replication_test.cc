@@ -4,10 +4,13 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <map>
 #include <memory>
 #include <optional>
 #include <random>
+#include <set>
+#include <string>
 #include <vector>
 
 #include "absl/strings/escaping.h"
@@ -282,34 +285,57 @@ class World {
   int64_t tiles_sent_ = 0;
 };
 
+template <typename Message>
+Message FromHex(const std::string& hex) {
+  const std::string bytes = absl::HexStringToBytes(hex);
+  Message message;
+  EXPECT_EQ(message.decode(bytes.data(), 0, static_cast<int>(bytes.size())), bytes.size());
+  return message;
+}
+
+// Level, x and y of what the only pull asks for.
+std::set<std::array<int, 3>> NodesOf(const std::vector<layer_pull_t>& pulls) {
+  EXPECT_EQ(pulls.size(), 1);
+  std::set<std::array<int, 3>> nodes;
+  for (int k = 0; k < pulls.at(0).num_nodes; ++k) {
+    nodes.insert({pulls[0].levels[k], pulls[0].xs[k], pulls[0].ys[k]});
+  }
+  return nodes;
+}
+
 // The example in bytes of lcmtypes/FOLLOWING.md.
-TEST(ReplicationTest, TheDocumentedUpdateIsRead) {
-  const std::string message = absl::HexStringToBytes(
-      "b53cd98dd48a039599aabbccddeeff0000000006726f626f74001122334455667788"
-      "000000000000000399aabbccddeeff00000000000001fffffffd0000000900000000"
-      "0000000100000000"
-      "00000000fa6a73deec14c5020000003a28b52ffd60000785010040d8ffe600e600e6"
-      "007da8e0c7f08535111086ff3f3f06fbffdfffffeffffff7fffffbfffffdff7f83ff"
-      "11ac4a553205");
-  layer_updates_t updates;
-  ASSERT_EQ(updates.decode(message.data(), 0, static_cast<int>(message.size())), message.size());
-  layer_digest_t digest;
-  digest.speaker = updates.speaker;
-  digest.layer = updates.layer;
-  digest.protocol_version = kProtocolVersion;
-  digest.state = 1;
-  digest.revision = 1;
-  digest.num_tiles = 1;
-  digest.hash = static_cast<int64_t>(0xfa6a73deec14c502);
-  digest.root_level = 2;
-  digest.utime = 1;
-  digest.lag_s = 0;
-  digest.min_control_point = -2560;
-  digest.max_control_point = 2560;
+TEST(ReplicationTest, TheDocumentedMessagesAreFollowed) {
+  const std::string speaker = "99aabbccddeeff00";
+  const std::string layer =
+      "00000006726f626f7400"
+      "1122334455667788000000000000000399aabbccddeeff000000";
   LayerFollower follower({"robot", 0x1122334455667788}, 1);
-  follower.HandleDigest(digest, Clock::now());
-  follower.HandleUpdates(updates);
-  follower.Tick(Clock::now());
+  follower.HandleDigest(FromHex<layer_digest_t>("1f29e6de6fcaabb9" + speaker + layer +
+                                                "0000000200000000000f4240"
+                                                "3fa999999999999afffff60000000a00"
+                                                "00000000000000010000000000000001"
+                                                "0000000000000001fa6a73deec14c502"
+                                                "000000020000000000000000"),
+                        kNow);
+  EXPECT_EQ(NodesOf(follower.Tick(kNow + milliseconds(100))),
+            NodesOf({FromHex<layer_pull_t>("54d71f1dd4bd67c10000000000000007" + layer +
+                                           "00000004"
+                                           "00000002000000020000000200000002"
+                                           "ffffffff00000000ffffffff00000000"
+                                           "ffffffffffffffff0000000000000000")}));
+  follower.HandleListing(FromHex<layer_listing_t>("51456dbc02f83e74" + speaker + layer +
+                                                  "000000000000000100000001"
+                                                  "00000002ffffffff00000000"
+                                                  "000000010ffa6a73deec14c5020000000000000000"),
+                         kNow + milliseconds(100));
+  EXPECT_EQ(NodesOf(follower.Tick(kNow + milliseconds(250))),
+            (std::set<std::array<int, 3>>{{1, -1, 1}}));
+  follower.HandleUpdates(FromHex<layer_updates_t>(
+      "b53cd98dd48a0395" + speaker + layer +
+      "00000001fffffffd0000000900000000000000010000000000000000fa6a73deec14c502"
+      "0000003a28b52ffd60000785010040d8ffe600e600e6007da8e0c7f08535111086ff3f3f"
+      "06fbffdfffffeffffff7fffffbfffffdff7f83ff11ac4a553205"));
+  follower.Tick(kNow + milliseconds(250));
   EXPECT_TRUE(follower.matches_digest());
   const Tile* tile = follower.Snapshot().tiles.Find({-3, 9});
   ASSERT_NE(tile, nullptr);
