@@ -9,7 +9,9 @@ usage: deploy/lcm-spy.sh [--lcm-url=URL]    (splinemap-spy, where splinemap is i
 Opens lcm-spy, which then shows the types of splinemap, bot_core and Michigan, and those of your own
 jars: CLASSPATH=my_types.jar deploy/lcm-spy.sh
 Where a jar of yours has a type as well, yours is shown. A double click on SPLINEMAP_UPDATES or
-SPLINEMAP_DIGESTS shows the map; their fields are on the menu of the right button.
+SPLINEMAP_DIGESTS opens the map in your browser, the page of a splinemap-viewer that runs beside the
+bus; their fields are on the menu of the right button. The page is http://localhost:8086/, or
+another: SPLINEMAP_VIEWER=https://base:8086/?token=0123 deploy/lcm-spy.sh
 EOT
 }
 
@@ -33,7 +35,6 @@ xmlgraphics-commons.jar libxmlgraphics-commons-java
 jide-oss.jar libjide-oss-java
 EOT
 [[ -e $java_jars/lcm.jar ]] || missing+=(liblcm-java)
-[[ -e $java_jars/zstd-jni.jar ]] || missing+=(libzstd-jni-java)
 java=$(readlink -f "$(command -v java)" || true)
 [[ -e ${java%/bin/java}/lib/libawt_xawt.so ]] || missing+=(default-jre)  # a headless Java opens no window
 
@@ -48,15 +49,11 @@ done
 ((${#missing[@]} == 0)) || die "packages are missing; install them: sudo apt-get install ${missing[*]}"
 [[ -n $types ]] ||
   die "splinemap-types.jar is not built; build it: cmake --preset release && cmake --build --preset release"
-map=${types%-types.jar}-spy.jar
-[[ -e $map ]] || echo "lcm-spy: without the map; splinemap was built without libzstd-jni-java" >&2
 [[ -n ${DISPLAY:-} ]] || die "there is no display to open a window on (DISPLAY is not set)"
 
 # lcm-spy looks for types in the environment's CLASSPATH and then in -cp, and of several classes for
 # one type it shows the last; of classes of one name Java takes that of -cp. So the user's jars go
-# there. The libraries are no place to look; but zstd finds its native part from -cp only. The map
-# finds the bus in the environment, as lcm-spy itself does.
+# there. The libraries are no place to look.
 [[ -z ${1:-} ]] || export LCM_DEFAULT_URL=${1#--lcm-url=}
-exec env CLASSPATH="$types:$map" java -Djava.net.preferIPv4Stack=true \
-  -Xbootclasspath/a:"$libraries" \
-  -cp "$java_jars/lcm.jar:$java_jars/zstd-jni.jar${CLASSPATH:+:$CLASSPATH}" lcm.spy.Spy
+exec env CLASSPATH="$types:${types%-types.jar}-spy.jar" java -Djava.net.preferIPv4Stack=true \
+  -Xbootclasspath/a:"$libraries" -cp "$java_jars/lcm.jar${CLASSPATH:+:$CLASSPATH}" lcm.spy.Spy

@@ -12,7 +12,7 @@ DEMO_PACKAGES=(jq iproute2)
 TEST_PACKAGES=(
   libgtest-dev jq iproute2 nftables sqlite3 python3 libompl-dev curl
   default-jdk liblcm-java libjchart2d-java libxmlgraphics-commons-java libjide-oss-java
-  libzstd-jni-java xvfb xdotool
+  xvfb xdotool
 )
 FUZZ_PACKAGES=(clang libclang-rt-14-dev)
 BENCH_PACKAGES=(

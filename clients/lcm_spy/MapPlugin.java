@@ -1,32 +1,29 @@
 package splinemap.spy;
 
-import com.github.luben.zstd.Zstd;
-import java.awt.BorderLayout;
 import java.awt.event.ActionEvent;
-import java.awt.event.WindowAdapter;
-import java.awt.event.WindowEvent;
-import java.beans.PropertyVetoException;
 import java.io.IOException;
+import java.net.URI;
+import java.net.http.HttpClient;
+import java.net.http.HttpRequest;
+import java.net.http.HttpResponse;
+import java.time.Duration;
+import java.util.concurrent.TimeUnit;
+import javax.net.ssl.SSLException;
 import javax.swing.AbstractAction;
 import javax.swing.Action;
-import javax.swing.BorderFactory;
-import javax.swing.JComponent;
 import javax.swing.JDesktopPane;
-import javax.swing.JFrame;
-import javax.swing.JInternalFrame;
-import javax.swing.JLabel;
-import javax.swing.JPanel;
+import javax.swing.JOptionPane;
 import javax.swing.SwingUtilities;
-import javax.swing.Timer;
-import javax.swing.plaf.basic.BasicInternalFrameUI;
 import lcm.spy.ChannelData;
 import lcm.spy.SpyPlugin;
 import splinemap.layer_digest_t;
 import splinemap.layer_updates_t;
 
-/** Shows the map as it grows, in a window of lcm-spy. */
+/** Opens the page of splinemap-viewer, the map as it grows, in the user's browser. */
 public final class MapPlugin implements SpyPlugin {
-  private static final int REFRESH_MS = 200;
+  private static final String DEFAULT_PAGE = "http://localhost:8086/";
+  private static final Duration ANSWER_TIMEOUT = Duration.ofSeconds(3);
+  private static final int BROWSER_TIMEOUT_S = 5;
 
   /** Digests count, too: there are no updates to click on while a robot stands still. */
   @Override
@@ -38,66 +35,57 @@ public final class MapPlugin implements SpyPlugin {
   /** lcm-spy passes null twice when it asks for the name. */
   @Override
   public Action getAction(JDesktopPane desktop, ChannelData channel) {
-    return new AbstractAction("Map...") {
+    return new AbstractAction("Map in the browser") {
       @Override
       public void actionPerformed(ActionEvent event) {
-        try {
-          Zstd.maxCompressionLevel();  // fails where the native part is missing
-          show(desktop, channel.name.replaceFirst("_[A-Z]+$", ""));
-        } catch (IOException | LinkageError e) {
-          fill(desktop, channel.name, new JLabel("There is no map to show: " + e));
-        }
+        // lcm-spy has opened a window for it, which stays empty.
+        SwingUtilities.getWindowAncestor(desktop).dispose();
+        new Thread(MapPlugin::openOrTell).start();
       }
     };
   }
 
-  private static void show(JDesktopPane desktop, String channel_prefix) throws IOException {
-    MapReplica replica = new MapReplica(channel_prefix);
-    MapFollower map = replica.map();
-    JLabel status = new JLabel(" ");
-    JLabel cursor = new JLabel(" ");
-    MapView view = new MapView(map, cursor::setText);
-    JPanel line = new JPanel(new BorderLayout(20, 0));
-    line.setBorder(BorderFactory.createEmptyBorder(3, 6, 3, 6));
-    line.add(status, BorderLayout.WEST);
-    line.add(cursor, BorderLayout.EAST);
-    JPanel panel = new JPanel(new BorderLayout());
-    panel.add(view, BorderLayout.CENTER);
-    panel.add(line, BorderLayout.SOUTH);
-    Timer timer = new Timer(REFRESH_MS, tick -> {
-      long now_ms = MapReplica.nowMs();
-      if (map.refresh(now_ms)) view.refresh();
-      status.setText(map.status(now_ms));
-    });
-    timer.start();
-    JFrame window = fill(desktop, channel_prefix + " map", panel);
-    window.addWindowListener(new WindowAdapter() {
-      @Override
-      public void windowClosing(WindowEvent event) {
-        timer.stop();
-        replica.close();
-        window.dispose();
-      }
-    });
+  private static void openOrTell() {
+    String problem = open(System.getenv().getOrDefault("SPLINEMAP_VIEWER", DEFAULT_PAGE));
+    if (problem.isEmpty()) return;
+    System.err.println(problem);
+    SwingUtilities.invokeLater(() -> JOptionPane.showMessageDialog(
+        null, problem, "splinemap-viewer", JOptionPane.WARNING_MESSAGE));
   }
 
-  // lcm-spy opens a window with a desktop for each viewer, so a frame in it needs no edge or title.
-  private static JFrame fill(JDesktopPane desktop, String title, JComponent content) {
-    JInternalFrame frame = new JInternalFrame();
-    frame.setContentPane(content);
-    frame.setBorder(null);
-    ((BasicInternalFrameUI) frame.getUI()).setNorthPane(null);
-    desktop.add(frame);
-    JFrame window = (JFrame) SwingUtilities.getWindowAncestor(desktop);
-    window.setTitle(title);
-    window.setSize(760, 620);
-    window.validate();
-    frame.setVisible(true);
+  /** What is wrong, or "" where the browser shows the page. */
+  private static String open(String page) {
     try {
-      frame.setMaximum(true);
-    } catch (PropertyVetoException e) {
-      frame.setSize(desktop.getSize());
+      if (!isAnswered(URI.create(page))) {
+        return "No splinemap-viewer answers at " + page
+            + "; start it beside this bus: splinemap-viewer";
+      }
+    } catch (IllegalArgumentException e) {
+      return "SPLINEMAP_VIEWER is not the address of a page: " + page;
     }
-    return window;
+    try {
+      // java.awt.Desktop finds a browser on some desktops only.
+      Process browser = new ProcessBuilder("xdg-open", page).inheritIO().start();
+      // Some browsers last as long as their window.
+      boolean has_ended = browser.waitFor(BROWSER_TIMEOUT_S, TimeUnit.SECONDS);
+      if (!has_ended || browser.exitValue() == 0) return "";
+      return "xdg-open opened no browser; open this page in one: " + page;
+    } catch (IOException | InterruptedException e) {
+      return "There is no xdg-open; install xdg-utils, or open this page in a browser: " + page;
+    }
+  }
+
+  private static boolean isAnswered(URI page) {
+    HttpRequest request =
+        HttpRequest.newBuilder(page.resolve("/healthz")).timeout(ANSWER_TIMEOUT).build();
+    HttpClient client = HttpClient.newBuilder().connectTimeout(ANSWER_TIMEOUT).build();
+    try {
+      HttpResponse<String> answer = client.send(request, HttpResponse.BodyHandlers.ofString());
+      return answer.body().strip().equals("ok");
+    } catch (SSLException e) {
+      return true;  // a certificate that the user may tell the browser to trust
+    } catch (IOException | InterruptedException e) {
+      return false;
+    }
   }
 }

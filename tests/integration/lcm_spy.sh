@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The installed splinemap-spy decodes the daemon's messages and shows the map, on a hidden screen.
-# The map is the sum of layers as the settings say, with layers whose owners are gone.
+# The installed splinemap-spy decodes the daemon's messages, on a hidden screen, and opens the page
+# of a viewer where one answers, here in a browser that only writes down what it is to open.
 if [[ -z ${LCM_DEFAULT_URL:-} || ${2:-} != inside ]]; then
   exec "$1/deploy/own_bus.sh" "$0" "$1" inside
 fi
@@ -9,7 +9,7 @@ source "$1/tests/integration/support.sh" "$1"
 
 build=$(realpath "$(dirname "$(command -v splinemapd)")/../..")
 if [[ ! -e $build/lcmtypes/splinemap-spy.jar ]]; then
-  echo "lcm_spy: skipped, there was no JDK, lcm.jar or zstd-jni.jar to build splinemap-spy.jar with"
+  echo "lcm_spy: skipped, there was no JDK or lcm.jar to build splinemap-spy.jar with"
   exit 0
 fi
 cmake --install "$build" --prefix "$work/installed" > install.log || fail "$(cat install.log)"
@@ -23,12 +23,6 @@ mkdir no_java
 ln -s /usr/bin/{bash,dirname,readlink} no_java
 expect 1 env PATH="$work/no_java" "$spy"
 expect_text "sudo apt-get install default-jre" err
-
-# The follower reads and answers messages as the C++ code does.
-jars=$build/lcmtypes/splinemap-types.jar:$build/lcmtypes/splinemap-spy.jar
-jars+=:/usr/share/java/lcm.jar:/usr/share/java/zstd-jni.jar
-javac -cp "$jars" -d vectors "$top/tests/integration/FollowerVectors.java"
-expect 0 java -cp "vectors:$jars" splinemap.spy.FollowerVectors
 
 # A type of the user's own.
 cat > mine_t.lcm << 'EOT'
@@ -53,93 +47,100 @@ while at + 28 <= len(data):
 print(sorted(channels).index(sys.argv[1].encode()))
 EOT
 
-expect 0 splinemap simulate drive.lcmlog
-expect 0 splinemap build drive.lcmlog --scan LASER --pose POSE drive.splinemap
-cat > room.world << 'EOT'
-wall { x0_m: -2 y0_m: -2 x1_m: 2 y1_m: -2 }
-wall { x0_m: 2 y0_m: -2 x1_m: 2 y1_m: 2 }
-wall { x0_m: 2 y0_m: 2 x1_m: -2 y1_m: 2 }
-wall { x0_m: -2 y0_m: 2 x1_m: -2 y1_m: -2 }
-waypoint { x_m: -1 } waypoint { x_m: 1 } waypoint { x_m: 1 y_m: 1 }
+# A viewer that has a port of its own, and listens on it once there is a file `begin`.
+cat > viewer.py << 'EOT'
+import http.server, os, time
+
+class Handler(http.server.BaseHTTPRequestHandler):
+    def do_GET(self):
+        self.send_response(200 if self.path == "/healthz" else 404)
+        self.end_headers()
+        self.wfile.write(b"ok\n")
+
+server = http.server.HTTPServer(("127.0.0.1", 0), Handler, bind_and_activate=False)
+server.server_bind()
+with open("port.new", "w") as file:
+    file.write(str(server.server_port))
+os.rename("port.new", "port")
+while not os.path.exists("begin"):
+    time.sleep(0.1)
+server.server_activate()
+server.serve_forever()
 EOT
-expect 0 splinemap simulate room.world room.lcmlog
-expect 0 splinemap build room.lcmlog --scan LASER --pose POSE room.splinemap --name room
-cp room.splinemap kept.splinemap
+python3 viewer.py 2> viewer.log &
+await test -e port
+page="http://127.0.0.1:$(cat port)/?token=0123"
+mkdir bin
+cat > bin/xdg-open << EOT
+#!/bin/sh
+echo "\$@" > "$work/opened"
+EOT
+chmod +x bin/xdg-open
+
+expect 0 splinemap simulate drive.lcmlog
 Xvfb -displayfd 3 -screen 0 1000x700x24 -nolisten tcp 3> display 2> xvfb.log &
 await test -s display
 DISPLAY=:$(cat display)
 export DISPLAY
 lcm-logger --quiet --force heard.lcmlog &
-CLASSPATH=$work/mine.jar "$spy" > spy.log 2>&1 &
+PATH=$work/bin:$PATH CLASSPATH=$work/mine.jar SPLINEMAP_VIEWER=$page "$spy" > spy.log 2>&1 &
 spy_pid=$!
 await xdotool search --name '^LCM Spy$'
 types=$(find "$top/lcmtypes" -name '*.lcm' | wc -l)
 await grep -qx "Found $((types + 1)) LCM types" spy.log
 await grep -qx "Found 1 plugins" spy.log  # it listens, so its table and the log begin alike
-splinemapd --map map.splinemap --name robot --follow room --scan LASER --pose POSE 2> daemon.log &
-splinemapd --map kept.splinemap --name room --no-sensors 2> room.log &
-room=$!
+splinemapd --map map.splinemap --name robot --scan LASER --pose POSE 2> daemon.log &
+await grep -q listening daemon.log
+lcm-logplayer -s 12 drive.lcmlog > player.log 2>&1 &
 
-# is_open TITLE WINDOW X Y: whether a window has the title; if not, a double click in WINDOW.
-is_open() {
-  xdotool search --name "^$1\$" && return
-  # All windows open in the same corner, so one may cover the other.
-  xdotool search --name "^$2\$" windowraise
-  xdotool mousemove "$3" "$4" click --repeat 2 --delay 80 1
-  sleep 0.5
+# point_at WINDOW X Y: all windows open in the same corner, so one may cover the other.
+point_at() { xdotool search --name "^$1\$" windowraise && xdotool mousemove "$2" "$3"; }
+point_at_channel() {
+  local row
+  row=$(python3 row.py "$1") && point_at "LCM Spy" 60 $((28 + 16 * row))
+}
+double_click() { xdotool click --repeat 2 --delay 80 1; }
+# is_there FILE COMMAND..: whether there is the file; if not, the command may bring it.
+# is_open TITLE COMMAND..: the same of a window.
+is_there() { [[ -e $1 ]] || try "${@:2}"; }
+is_open() { xdotool search --name "^$1\$" || try "${@:2}"; }
+try() {
+  "$@" && sleep 0.5
   return 1
 }
-# is_open_of CHANNEL TITLE
-is_open_of() {
-  local row
-  row=$(python3 row.py "$1") && is_open "$2" "LCM Spy" 60 $((28 + 16 * row))
-}
-await is_open_of SPLINEMAP_STATUS SPLINEMAP_STATUS
-await is_open utime SPLINEMAP_STATUS 60 35  # a chart of a field, so the message was decoded
+double_click_on() { point_at_channel "$1" && double_click; }
+click_on_a_field() { point_at SPLINEMAP_STATUS 60 35 && double_click; }
 
-# The map is opened later, and has heard neither the settings nor the layer's owner.
-knows_room() {
-  splinemap layers --live --json |
-    jq -e '.[] | select(.daemon == "robot").layers[] | select(.name == "room" and .state == "live")'
-}
-await knows_room
-expect 0 splinemap layer low-weight --live robot
-expect 0 splinemap layer shift --live room 90 80
-kill "$room"
-wait "$room" || fail "the room's daemon: $(cat room.log)"
+await is_open SPLINEMAP_STATUS double_click_on SPLINEMAP_STATUS
+await is_open utime click_on_a_field  # a chart, so the message was decoded
 
-# The map is opened in the middle of a drive, and pulls what was mapped before.
-lcm-logplayer -s 12 drive.lcmlog > player.log 2>&1 &
-player=$!
-sleep 2
-await is_open_of SPLINEMAP_UPDATES "SPLINEMAP map"
-kill -0 "$player" || fail "the drive was over before the map was opened"
-wait "$player"
-eval "$(xdotool search --name '^SPLINEMAP map$' getwindowgeometry --shell)"
-# shows MAP: the window shows what the file has, after a while.
-shows() {
-  expect 0 splinemap render "$1" map.png --px-per-knot 1 --force
-  xdotool search --name '^SPLINEMAP map$' windowraise  # a chart may cover it
-  # shellcheck disable=SC2154  # xdotool says X, Y, WIDTH, HEIGHT
-  java "$top/tests/integration/MapWindow.java" "$X" "$Y" "$WIDTH" "$HEIGHT" map.png > shown.log ||
-    fail "$1: $(cat shown.log)"
+await is_open splinemap-viewer double_click_on SPLINEMAP_UPDATES
+grep -qxF "No splinemap-viewer answers at $page; start it beside this bus: splinemap-viewer" \
+  spy.log || fail "nothing is said of a viewer that is away: $(cat spy.log)"
+[[ ! -e opened ]] || fail "a page was opened that nobody serves"
+is_dismissed() {
+  eval "$(xdotool search --name '^splinemap-viewer$' getwindowgeometry --shell)"
+  [[ -n ${WINDOW:-} ]] || return 0
+  # shellcheck disable=SC2153  # xdotool says X, Y, WIDTH, HEIGHT
+  point_at splinemap-viewer $((X + WIDTH / 2)) $((Y + HEIGHT - 25)) && xdotool click 1 && sleep 0.5
+  unset WINDOW
+  return 1
 }
-# A busy machine maps for a while after the drive.
-is_settled() {
-  local before=${revision:-}
-  revision=$(splinemap watch --once --json --timeout 3 | jq .revision)
-  [[ $revision == "$before" ]]
+await is_dismissed
+
+touch begin
+choose_the_map_on() {
+  point_at_channel "$1" && xdotool click 3 && sleep 0.3 && xdotool mousemove_relative 20 31 click 1
 }
-await is_settled
-# The snapshot is from the log: a follower on the bus would ask for the settings, and lcm-spy would
-# hear them, too.
-await splinemap snapshot --log heard.lcmlog sum.splinemap --robot robot --robot room --force
-shows sum.splinemap
-expect 0 splinemap layer mute --live robot
-shows room.splinemap
-expect 0 splinemap layer remove --live room
-expect 0 splinemap layer unmute --live robot
-shows drive.splinemap
+for way in "double_click_on SPLINEMAP_UPDATES" "choose_the_map_on SPLINEMAP_DIGESTS"; do
+  # shellcheck disable=SC2086  # words of a command
+  await is_there opened $way
+  [[ $(cat opened) == "$page" ]] || fail "$way: opened $(cat opened) in place of $page"
+  rm opened
+done
+grep -q "GET /healthz" viewer.log || fail "the viewer was not asked: $(cat viewer.log)"
+has_no_empty_window() { ! xdotool search --name '^SPLINEMAP_(UPDATES|DIGESTS)'; }
+await has_no_empty_window
 
 kill -0 "$spy_pid" || fail "lcm-spy ended: $(cat spy.log)"
-echo "lcm_spy: $types types and the user's own; SPLINEMAP_STATUS is decoded; $(cat shown.log)"
+echo "lcm_spy: $types types and the user's own; SPLINEMAP_STATUS is decoded; the page opens"
