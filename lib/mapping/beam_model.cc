@@ -13,12 +13,11 @@ BeamModel::BeamModel(const BeamModelOptions& options, double knot_interval_m)
       weights_(MakeTable(1 << PointSample::kWeightBits)),
       hit_weights_(MakeTable(options.kappa_hit * ScanScratch::kUnitsPerLogOdds)),
       free_weights_(MakeTable(options.kappa_free * ScanScratch::kUnitsPerLogOdds)),
-      free_lines_(update_ == BeamUpdate::kSignedDistance
-                      ? FreeLineTable(SignedDistance::kWeightPerKnot, Footprint::kBasis)
-                      : FreeLineTable(options.kappa_free * ScanScratch::kUnitsPerLogOdds /
-                                          options.free_sample_spacing_knots,
-                                      Footprint::kNormalizedBasis)),
-      face_lines_(SignedDistance::kWeightPerKnot, Footprint::kLinear),
+      paper_lines_(
+          options.kappa_free * ScanScratch::kUnitsPerLogOdds / options.free_sample_spacing_knots,
+          Footprint::kNormalizedBasis),
+      free_lines_(SignedDistance::kWeightPerKnot, Footprint::kBasis),
+      face_lines_(SignedDistance::kWeightPerKnot),
       faces_(knots_per_m_) {}
 
 BeamModel::WeightTable BeamModel::MakeTable(double scale) {
@@ -41,10 +40,7 @@ void BeamModel::Accumulate(absl::Span<const PlacedBeam> beams, ScanScratch& scra
 }
 
 void BeamModel::AddSignedDistances(absl::Span<const PlacedBeam> beams, ScanScratch& scratch) {
-  scratch.AddFaceLines(beams, faces_.Find(beams),
-                       {.knots_per_m = knots_per_m_,
-                        .row_pairs = free_lines_.data(),
-                        .face_row_pairs = face_lines_.data()});
+  scratch.AddFaceLines(beams, faces_.Find(beams), knots_per_m_, free_lines_, face_lines_);
 }
 
 void BeamModel::AddPaperUpdates(absl::Span<const PlacedBeam> beams, ScanScratch& scratch) {
@@ -59,9 +55,9 @@ void BeamModel::AddPaperUpdates(absl::Span<const PlacedBeam> beams, ScanScratch&
   } else {
     // The last sample of (9) lies between one and two spacings before the hit. Over all phases that
     // makes a density that ends one spacing before it.
-    scratch.AddFreeLines(beams, {.knots_per_m = knots_per_m_,
-                                 .end_before_hit_knots = free_sample_spacing_knots_,
-                                 .row_pairs = free_lines_.data()});
+    scratch.AddFreeLines(
+        beams, {.knots_per_m = knots_per_m_, .end_before_hit_knots = free_sample_spacing_knots_},
+        paper_lines_);
   }
   scratch.AddSamples(samples_);
 }

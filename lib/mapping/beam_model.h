@@ -62,8 +62,9 @@ class BeamModel {
   WeightTable weights_;       // NormalizedBasis, fixed point with PointSample::kWeightBits
   WeightTable hit_weights_;   // the same times kappa_hit, in units of the scratch
   WeightTable free_weights_;  // and times kappa_free
-  FreeLineTable free_lines_;
-  FreeLineTable face_lines_;
+  FreeLineTable<int32_t> paper_lines_;
+  FreeLineTable<uint16_t> free_lines_;
+  FaceLineTable face_lines_;
 
   FaceFinder faces_;
 

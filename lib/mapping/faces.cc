@@ -3,23 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "lib/mapping/beam_memory.h"
+
 namespace splinemap {
 namespace {
 
-using Eigen::Vector2d;
-
-// Neighbours lie on one surface if they are no further apart than this, or than this many times the
-// distance between their beams.
-constexpr double kNearKnots = 3;
-constexpr double kMostObliqueGap = 4;
-// The normal is that of a chord to hits so far on either side, or so many.
-constexpr double kHalfChordKnots = 2;
-constexpr size_t kMostBeamsAside = 8;
-constexpr double kLeastChordKnots = 1;
-// Beyond 72 degrees of incidence faces are treated as of that.
-constexpr double kLeastCosine = 0.3;
-// Rows of control points from so far before a face take part in it, seen head-on.
-constexpr double kBefore = SignedDistance::kFrontKnots + 1;
 // Rows of control points up to so far behind the face take part in it: one at least that lies half
 // a knot behind. Of what is narrow more, since beams that pass it take them away again.
 constexpr double kBehindKnots = 1.5;
@@ -27,41 +15,35 @@ constexpr double kBehindNarrowKnots = 1.75;
 // Things narrower than that weigh more.
 constexpr double kWideKnots = 6;
 
-double Cross(const Vector2d& a, const Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
-
 }  // namespace
 
 absl::Span<const Face> FaceFinder::Find(absl::Span<const PlacedBeam> beams) {
-  hits_.resize(beams.size());
-  spacings_.resize(beams.size());
+  SetHits(beams);
+  chords_.resize(beams.size());
   faces_.resize(beams.size());
-  for (size_t k = 0; k < beams.size(); ++k) {
-    const PlacedBeam& beam = beams[k];
-    const double range = beam.range_m * knots_per_m_;
-    hits_[k] = beam.origin_world_m * knots_per_m_ + range * beam.direction_world;
-    const size_t next = k + 1 < beams.size() ? k + 1 : k > 0 ? k - 1 : k;
-    spacings_[k] = range * std::abs(Cross(beam.direction_world, beams[next].direction_world));
-  }
   for (size_t k = 0; k < beams.size();) {
     if (!beams[k].hit) {
-      faces_[k++] = {};
+      chords_[k++] = {};
       continue;
     }
-    const Run run = RunFrom(beams, k);
-    const int weight = WeightOf(beams, run);
-    for (; k < run.end; ++k) faces_[k] = FaceOf(beams[k], run, k, weight);
+    Run run{k, k + 1};
+    while (run.end < beams.size() && is_beside_[run.end] != 0) ++run.end;
+    SetChords(run, WeightOf(beams, run));
+    k = run.end;
   }
+  kernel_.set_faces(MemoryOf(beams), chords_.data(), beams.size(), faces_.data());
   return faces_;
 }
 
-// The run that begins with a hit.
-FaceFinder::Run FaceFinder::RunFrom(absl::Span<const PlacedBeam> beams, size_t begin) const {
-  size_t end = begin + 1;
-  for (; end < beams.size() && beams[end].hit; ++end) {
-    const double gap = std::max(kMostObliqueGap * spacings_[end - 1], kNearKnots);
-    if ((hits_[end] - hits_[end - 1]).squaredNorm() >= gap * gap) break;
-  }
-  return {begin, end};
+void FaceFinder::SetHits(absl::Span<const PlacedBeam> beams) {
+  const size_t count = beams.size() + Hits::kMore;
+  x_.resize(count);
+  y_.resize(count);
+  spacings_.resize(count);
+  aside_.resize(count);
+  is_beside_.resize(count);
+  kernel_.set_hits(MemoryOf(beams), beams.size(), knots_per_m_,
+                   {x_.data(), y_.data(), spacings_.data(), aside_.data(), is_beside_.data()});
 }
 
 int FaceFinder::WeightOf(absl::Span<const PlacedBeam> beams, const Run& run) const {
@@ -71,33 +53,20 @@ int FaceFinder::WeightOf(absl::Span<const PlacedBeam> beams, const Run& run) con
       beams[run.end].range_m <= beams[run.end - 1].range_m) {
     return kFaceWeight;
   }
-  const double width = (hits_[run.begin] - hits_[run.end - 1]).norm() + spacings_[run.begin];
+  const Eigen::Vector2d across(x_[run.begin] - x_[run.end - 1], y_[run.begin] - y_[run.end - 1]);
+  const double width = across.norm() + spacings_[run.begin];
   const double weight = kFaceWeight * kWideKnots / std::max(width, 0.1);
   return static_cast<int>(std::clamp<double>(weight, kFaceWeight, kMostFaceWeight));
 }
 
-Face FaceFinder::FaceOf(const PlacedBeam& beam, const Run& run, size_t k, int weight) const {
+void FaceFinder::SetChords(const Run& run, int weight) {
   const double behind = weight > kFaceWeight ? kBehindNarrowKnots : kBehindKnots;
-  size_t aside = kMostBeamsAside;
-  if (spacings_[k] * kMostBeamsAside > kHalfChordKnots) {
-    aside = static_cast<size_t>(kHalfChordKnots / spacings_[k]) + 1;
+  for (size_t k = run.begin; k < run.end; ++k) {
+    const auto aside = static_cast<size_t>(aside_[k]);
+    const size_t last = std::min(k + aside, run.end - 1);
+    const size_t first = std::max(k, run.begin + aside) - aside;
+    chords_[k] = {{x_[last] - x_[first], y_[last] - y_[first]}, behind, weight};
   }
-  const Vector2d chord = hits_[std::min(k + aside, run.end - 1)] -
-                         hits_[k - run.begin > aside ? k - aside : run.begin];
-  const double squared_length = chord.squaredNorm();
-  const Vector2d& direction = beam.direction_world;
-  if (squared_length < kLeastChordKnots * kLeastChordKnots) {
-    return {{direction.x(), direction.y()}, kBefore, behind, weight};
-  }
-  const double scale = 1 / std::sqrt(squared_length);
-  Vector2d normal(-chord.y() * scale, chord.x() * scale);
-  double cosine = normal.dot(direction);
-  if (cosine < 0) {
-    normal = -normal;
-    cosine = -cosine;
-  }
-  const double stretch = 1 / std::max(cosine, kLeastCosine);
-  return {{normal.x(), normal.y()}, (kBefore - 1) * stretch + 1, behind, weight};
 }
 
 }  // namespace splinemap

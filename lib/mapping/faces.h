@@ -16,7 +16,8 @@ inline constexpr int kMostFaceWeight = 240;
 // Finds the surface that each beam hits. Keeps its memory from scan to scan. Thread-compatible.
 class FaceFinder {
  public:
-  explicit FaceFinder(double knots_per_m) : knots_per_m_(knots_per_m) {}
+  explicit FaceFinder(double knots_per_m, const ScanKernel& kernel = FastestScanKernel())
+      : knots_per_m_(knots_per_m), kernel_(kernel) {}
 
   // One for each beam, valid until the next call, as the hits beside it tell: beams are in order of
   // their bearings. Lone hits face the sensor.
@@ -28,13 +29,19 @@ class FaceFinder {
     size_t begin;
     size_t end;
   };
-  Run RunFrom(absl::Span<const PlacedBeam> beams, size_t begin) const;
+  void SetHits(absl::Span<const PlacedBeam> beams);
   int WeightOf(absl::Span<const PlacedBeam> beams, const Run& run) const;
-  Face FaceOf(const PlacedBeam& beam, const Run& run, size_t k, int weight) const;
+  void SetChords(const Run& run, int weight);
 
   double knots_per_m_;
-  std::vector<Eigen::Vector2d> hits_;  // in knots
-  std::vector<double> spacings_;       // of a beam and the next one at the hit, in knots
+  const ScanKernel& kernel_;
+  // See Hits.
+  std::vector<double> x_;
+  std::vector<double> y_;
+  std::vector<double> spacings_;
+  std::vector<int32_t> aside_;
+  std::vector<int32_t> is_beside_;
+  std::vector<Chord> chords_;
   std::vector<Face> faces_;
 };
 

@@ -11,11 +11,14 @@
 namespace splinemap {
 namespace {
 
-constexpr int kWidth = FreeLine::kWidth;
-constexpr int kPhases = FreeLine::kPhases;
+constexpr int kWidth = FreeLineTable<int32_t>::kWidth;
+constexpr int kPhases = LineTable::kPhases;
+constexpr int kSlopesPerOne = LineTable::kSlopesPerOne;
 constexpr int kStepsPerKnot = 16;  // of the midpoint rule
 
 using Row = std::array<double, kWidth>;
+
+int FirstColumn(bool is_negative) { return FreeLineTable<int32_t>::FirstColumn(is_negative); }
 
 BasisWeights LinearBasis(double t) { return {0, 1 - t, t, 0}; }
 
@@ -59,48 +62,74 @@ using UnitPairs = std::array<std::array<Row, 2>, kPhases>;
 UnitPairs MakeUnitPairs(const Shares& shares, double slope) {
   UnitPairs pairs;
   for (int phase = 0; phase < kPhases; ++phase) {
-    const double x = static_cast<double>(phase) / kPhases - FreeLineTable::FirstColumn(slope < 0);
+    const double x = static_cast<double>(phase) / kPhases - FirstColumn(slope < 0);
     pairs[phase] = {Integrate(shares, slope, x), Integrate(shares, slope, x + slope)};
   }
   return pairs;
 }
 
-std::vector<UnitPairs> MakeUnitTable(const Shares& shares, int slopes_per_one) {
+std::vector<UnitPairs> MakeUnitTable(BasisWeights (*of_phase)(double t)) {
+  const Shares shares = MakeShares(of_phase);
   std::vector<UnitPairs> table;
-  for (int n = -slopes_per_one; n <= slopes_per_one; ++n) {
-    table.push_back(MakeUnitPairs(shares, static_cast<double>(n) / slopes_per_one));
+  for (int n = -kSlopesPerOne; n <= kSlopesPerOne; ++n) {
+    table.push_back(MakeUnitPairs(shares, static_cast<double>(n) / kSlopesPerOne));
   }
   return table;
 }
 
 const std::vector<UnitPairs>& UnitTable(Footprint footprint) {
-  constexpr int kSlopes = FreeLineTable::kSlopesPerOne;
-  if (footprint == Footprint::kLinear) {
-    static const std::vector<UnitPairs> linear = MakeUnitTable(MakeShares(&LinearBasis), kSlopes);
-    return linear;
-  }
   if (footprint == Footprint::kBasis) {
-    static const std::vector<UnitPairs> basis = MakeUnitTable(MakeShares(&Basis), kSlopes);
+    static const std::vector<UnitPairs> basis = MakeUnitTable(&Basis);
     return basis;
   }
-  static const std::vector<UnitPairs> normalized =
-      MakeUnitTable(MakeShares(&NormalizedBasis), kSlopes);
+  static const std::vector<UnitPairs> normalized = MakeUnitTable(&NormalizedBasis);
   return normalized;
+}
+
+// Beside its neighbours.
+using UnitRows = std::array<std::array<double, FaceLineTable::kWidth>, kPhases>;
+
+const std::vector<UnitRows>& UnitFaceTable() {
+  static const std::vector<UnitRows> table = [] {
+    std::vector<UnitRows> rows;
+    int n = -kSlopesPerOne;
+    for (const UnitPairs& pairs : MakeUnitTable(&LinearBasis)) {
+      const int first = FaceLineTable::kFirstColumn - FirstColumn(n++ < 0);
+      UnitRows& of_slope = rows.emplace_back();
+      for (int phase = 0; phase < kPhases; ++phase) {
+        std::copy_n(&pairs[phase][0][first], FaceLineTable::kWidth, of_slope[phase].begin());
+      }
+    }
+    return rows;
+  }();
+  return table;
+}
+
+template <typename Sum, typename UnitTable>
+std::vector<Sum> Scaled(const UnitTable& unit_table, double sum_per_knot) {
+  using Sums4 [[gnu::vector_size(4 * sizeof(Sum))]] = Sum;
+  const auto* units = reinterpret_cast<const double*>(unit_table.data());
+  std::vector<Sum> sums(unit_table.size() * sizeof(unit_table[0]) / sizeof(double));
+  for (size_t n = 0; n < sums.size(); n += 4) {
+    Doubles4 four;
+    std::memcpy(&four, units + n, sizeof(four));
+    const auto rounded = __builtin_convertvector(
+        __builtin_convertvector(Floor(sum_per_knot * four + 0.5), Integers4), Sums4);
+    std::memcpy(&sums[n], &rounded, sizeof(rounded));
+  }
+  return sums;
 }
 
 }  // namespace
 
-FreeLineTable::FreeLineTable(double sum_per_knot, Footprint footprint) {
-  const std::vector<UnitPairs>& unit_table = UnitTable(footprint);
-  static_assert(sizeof(UnitPairs) == kSumsPerSlope * sizeof(double));
-  sums_.resize(unit_table.size() * kSumsPerSlope);
-  const double* units = unit_table.front().front().front().data();
-  for (size_t n = 0; n < sums_.size(); n += 4) {
-    Doubles4 four;
-    std::memcpy(&four, units + n, sizeof(four));
-    const auto rounded = __builtin_convertvector(Floor(sum_per_knot * four + 0.5), Integers4);
-    std::memcpy(&sums_[n], &rounded, sizeof(rounded));
-  }
-}
+template <typename Sum>
+FreeLineTable<Sum>::FreeLineTable(double sum_per_knot, Footprint footprint)
+    : sums_(Scaled<Sum>(UnitTable(footprint), sum_per_knot)) {}
+
+template class FreeLineTable<int32_t>;
+template class FreeLineTable<uint16_t>;
+
+FaceLineTable::FaceLineTable(double sum_per_knot)
+    : sums_(Scaled<int32_t>(UnitFaceTable(), sum_per_knot)) {}
 
 }  // namespace splinemap

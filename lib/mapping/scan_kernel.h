@@ -32,9 +32,32 @@ struct LineCounts {
 // How beams become free lines.
 struct FreeLineModel {
   double knots_per_m = 0;
-  double end_before_hit_knots = 0;          // where there are no `faces`
-  const int32_t* row_pairs = nullptr;       // FreeLineTable::data()
-  const int32_t* face_row_pairs = nullptr;  // likewise, for the lines of faces
+  double end_before_hit_knots = 0;
+};
+
+// Where beams end, for finding what they hit.
+struct Hits {
+  double* x;  // in knots
+  double* y;
+  double* spacing;     // of a beam and the next one there, in knots
+  int32_t* aside;      // the normal is that of a chord to so many hits on either side
+  int32_t* is_beside;  // other than 0: a hit, near enough to the one before for one surface
+  static constexpr size_t kMore = 3;  // so many more elements than beams are written
+
+  // Neighbours lie on one surface if they are no further apart than this, or than this many times
+  // the distance between their beams.
+  static constexpr double kNearKnots = 3;
+  static constexpr double kMostObliqueGap = 4;
+  // The normal is that of a chord to hits so far on either side, or so many.
+  static constexpr double kHalfChordKnots = 2;
+  static constexpr int kMostAside = 8;
+};
+
+// Between hits on either side of a beam's.
+struct Chord {
+  double knots[2];
+  double behind_knots;  // see Face
+  int32_t weight;       // of the face; 0 where there is none
 };
 
 // The surface where a beam hits it, as the beams beside tell.
@@ -43,6 +66,11 @@ struct Face {
   double before_knots;  // from so far before the hit to so far behind it, along the beam, control
   double behind_knots;  // points take part in the face
   int32_t weight;       // of the beam there; 1: as in free space
+
+  // Lone hits, whose chord is shorter, face the sensor.
+  static constexpr double kLeastChordKnots = 1;
+  // Beyond 72 degrees of incidence faces are treated as of that.
+  static constexpr double kLeastCosine = 0.3;
 };
 
 // The part of a beam around its hit: a line, and how the share of what is occupied grows over it.
@@ -85,6 +113,16 @@ struct PointSample {
   static constexpr int kWeightBits = 12;
 };
 
+// What is done with the sums of one tile within its block. Of `groups` of rows only; the others are
+// zeros.
+template <typename Sum>
+struct TileKernel {
+  // Moves an apron to the sums of `to`, the tile that it belongs to.
+  void (*move_apron)(Sum* apron, uint32_t groups, Sum* to);
+  // Moves the sums of `from`, x and y exchanged, to those of `to`. Aprons are left.
+  void (*move_transposed)(Sum* from, uint32_t groups, Sum* to);
+};
+
 // The inner loops of mapping, compiled for one instruction set. All of them give the same bytes.
 struct ScanKernel {
   const char* name;  // "plain", "avx2", "avx512"
@@ -93,28 +131,31 @@ struct ScanKernel {
   // beams that are steep to the x axis (rows of constant y), and of those steep to the y axis.
   LineCounts (*set_lines)(const BeamMemory* beams, size_t count, const FreeLineModel& model,
                           FreeLine* steep_lines, FreeLine* shallow_lines);
+  void (*set_hits)(const BeamMemory* beams, size_t count, double knots_per_m, const Hits& hits);
+  // One for each beam.
+  void (*set_faces)(const BeamMemory* beams, const Chord* chords, size_t count, Face* faces);
   // Likewise of beams with faces, one for each: the lines before the faces, and those of the faces.
   struct FaceLineCounts {
     LineCounts free;
     LineCounts face;
   };
   FaceLineCounts (*set_face_lines)(const BeamMemory* beams, const Face* faces, size_t count,
-                                   const FreeLineModel& model, FreeLine* steep_lines,
+                                   double knots_per_m, FreeLine* steep_lines,
                                    FreeLine* shallow_lines, FaceLine* steep_faces,
                                    FaceLine* shallow_faces);
 
-  void (*add_lines)(const FreeLine* lines, size_t count, SumPlane& plane);
-  void (*add_faces)(const FaceLine* faces, size_t count, SumPlane& weights, SumPlane& occupied);
-  void (*add_samples)(const PointSample* samples, size_t count, SumPlane& plane);
+  // The tables are the data() of a FreeLineTable and a FaceLineTable.
+  void (*add_lines)(const FreeLine* lines, size_t count, const int32_t* table,
+                    SumPlane<int32_t>& plane);
+  void (*add_free_lines)(const FreeLine* lines, size_t count, const uint16_t* table,
+                         SumPlane<uint16_t>& plane);
+  void (*add_faces)(const FaceLine* faces, size_t count, const int32_t* table,
+                    SumPlane<FaceSum>& plane);
+  void (*add_samples)(const PointSample* samples, size_t count, SumPlane<int32_t>& plane);
 
-  // The rest is about the sums of one tile within its block.
-
-  // Moves the apron of `from` to the sums of `to`, the next tile in x. has_apron: whether there is
-  // anything in it.
-  bool (*has_apron)(const int32_t* sums);
-  void (*move_apron)(int32_t* from, int32_t* to);
-  // Moves the sums of `from`, x and y exchanged, to those of `to`. Aprons are left.
-  void (*move_transposed)(int32_t* from, int32_t* to);
+  TileKernel<int32_t> log_odds;
+  TileKernel<uint16_t> free;
+  TileKernel<FaceSum> faces;
 
   // Whether a sum rounds to something.
   bool (*has_change)(const int32_t* sums);
@@ -122,11 +163,11 @@ struct ScanKernel {
   // control_points[Tile::kSize]; a sum that rounds to 0 leaves its control point as it was.
   void (*commit)(int32_t* sums, ControlLimits limits, ControlLimits scan_limits,
                  ControlPoint* control_points);
-  // Moves weights and the occupied part of them, null where there is none, into control points:
-  // `to` becomes what they make of `from`. Whether that is a change. See SignedDistance. Requires
-  // that what is occupied has weight.
-  bool (*commit_distances)(int32_t* weights, int32_t* occupied, ControlLimits limits,
-                           const ControlPoint* from, ControlPoint* to);
+  // Moves the sums of a tile into control points: `to` becomes what they make of `from`. Whether
+  // that is a change. See SignedDistance. Requires that groups of rows with faces, null where there
+  // are none, are among those of `free`.
+  bool (*commit_distances)(uint16_t* free, uint32_t groups, FaceSum* faces, uint32_t face_groups,
+                           ControlLimits limits, const ControlPoint* from, ControlPoint* to);
 };
 
 // Those that this processor can run, the plain one first, the fastest last.

@@ -29,14 +29,41 @@ constexpr int kLanes = 4;
 using Int32x4 [[gnu::vector_size(16)]] = int32_t;
 using Int32x8 [[gnu::vector_size(32)]] = int32_t;
 using Floats8 [[gnu::vector_size(32)]] = float;
+using Floats4 [[gnu::vector_size(16)]] = float;
+using Uint16x8 [[gnu::vector_size(16)]] = uint16_t;
 using Sums [[gnu::vector_size(4 * kLanes)]] = int32_t;
 using Shares [[gnu::vector_size(4 * kLanes)]] = float;
 using ControlPoints [[gnu::vector_size(2 * kLanes)]] = int16_t;
+// As many control points as a register holds, and their weights.
+using WholeControlPoints [[gnu::vector_size(4 * kLanes)]] = int16_t;
+using WholeWeights [[gnu::vector_size(4 * kLanes)]] = uint16_t;
 
 constexpr int kSide = Tile::kSide;
-constexpr int kStride = SumBlock::kStride;
+template <typename Sum>
+constexpr int kStride = SumBlock<Sum>::kStride;
+constexpr int kRowsPerGroup = RowGroups::kRows;
+// Of all blocks.
+constexpr int kBlockRows = SumBlock<int32_t>::kRows;
 constexpr int kBlockShift = 7;
-static_assert(SumBlock::kRows == 1 << kBlockShift);
+static_assert(kBlockRows == 1 << kBlockShift);
+
+// Eight sums, or four of faces.
+template <typename Sum>
+struct RowOf;
+template <>
+struct RowOf<int32_t> {
+  using Type = Int32x8;
+};
+template <>
+struct RowOf<uint16_t> {
+  using Type = Uint16x8;
+};
+template <>
+struct RowOf<FaceSum> {
+  using Type = Int32x8;
+};
+template <typename Sum>
+using Row = typename RowOf<Sum>::Type;
 
 template <typename Vector>
 Vector Load(const void* from) {
@@ -51,8 +78,23 @@ void Store(Vector vector, void* to) {
 }
 
 template <typename Vector>
-void AddTo(Vector vector, int32_t* to) {
-  Store(Load<Vector>(to) + vector, to);
+[[gnu::always_inline]] inline Vector Plus(Vector a, Vector b) {
+  return a + b;
+}
+// Weights in 16 bits saturate.
+[[gnu::always_inline]] inline Uint16x8 Plus(Uint16x8 a, Uint16x8 b) {
+#ifdef __SSE2__
+  return reinterpret_cast<Uint16x8>(
+      _mm_adds_epu16(reinterpret_cast<__m128i>(a), reinterpret_cast<__m128i>(b)));
+#else
+  const Uint16x8 sum = a + b;
+  return sum < a ? ~Uint16x8{} : sum;
+#endif
+}
+
+template <typename Vector>
+void AddTo(Vector vector, void* to) {
+  Store(Plus(Load<Vector>(to), vector), to);
 }
 
 // What the compiler makes of the plain expressions for the following is slow or, in parts, scalar.
@@ -81,6 +123,14 @@ bool IsZero(Sums v) {
   return _mm512_test_epi32_mask(whole, whole) == 0;
 }
 #endif
+bool IsZero(Uint16x8 v) {
+#ifdef __SSE2__
+  const __m128i is_zero = _mm_cmpeq_epi8(reinterpret_cast<__m128i>(v), _mm_setzero_si128());
+  return _mm_movemask_epi8(is_zero) == 0xffff;
+#else
+  return IsZero(reinterpret_cast<Int32x4>(v));
+#endif
+}
 
 Sums Widen(ControlPoints v) {
 #if defined(__SSE2__) && !defined(__AVX2__)
@@ -104,11 +154,192 @@ ControlPoints Narrow(Sums v) {
 #endif
 }
 
-void Touch(SumBlock& block, int32_t first_row, int32_t last_row) {
-  block.touched |= (2u << (last_row / kSide)) - (1u << (first_row / kSide));
+// Takes pairs apart.
+[[gnu::always_inline]] inline void Split(Sums a, Sums b, Sums& first, Sums& second) {
+#if defined(__AVX512F__)
+  first = __builtin_shufflevector(a, b, 0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+  second = __builtin_shufflevector(a, b, 1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31);
+#elif defined(__AVX2__)
+  first = __builtin_shufflevector(a, b, 0, 2, 4, 6, 8, 10, 12, 14);
+  second = __builtin_shufflevector(a, b, 1, 3, 5, 7, 9, 11, 13, 15);
+#else
+  first = __builtin_shufflevector(a, b, 0, 2, 4, 6);
+  second = __builtin_shufflevector(a, b, 1, 3, 5, 7);
+#endif
+}
+
+[[gnu::always_inline]] inline WholeControlPoints Join(ControlPoints a, ControlPoints b) {
+#if defined(__AVX512F__)
+  return __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17,
+                                 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31);
+#elif defined(__AVX2__)
+  return __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+#else
+  return __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7);
+#endif
+}
+
+int32_t Least(int32_t a, int32_t b, int32_t c) {
+  const int32_t least = a < b ? a : b;
+  return least < c ? least : c;
+}
+
+// The groups that a range of rows lies in.
+uint32_t GroupsOf(int32_t first_row, int32_t last_row) {
+  return (2u << (last_row / kRowsPerGroup)) - (1u << (first_row / kRowsPerGroup));
 }
 
 Doubles4 Abs(Doubles4 x) { return x < 0 ? -x : x; }
+
+Doubles4 SquareRoot(Doubles4 x) {
+#if defined(__AVX__)
+  return reinterpret_cast<Doubles4>(_mm256_sqrt_pd(reinterpret_cast<__m256d>(x)));
+#else
+  for (int k = 0; k < 4; ++k) x[k] = __builtin_sqrt(x[k]);
+  return x;
+#endif
+}
+
+// Exchanges rows and columns.
+[[gnu::always_inline]] inline void Transpose(Doubles4 (&r)[4]) {
+  const Doubles4 low01 = __builtin_shufflevector(r[0], r[1], 0, 4, 2, 6);
+  const Doubles4 high01 = __builtin_shufflevector(r[0], r[1], 1, 5, 3, 7);
+  const Doubles4 low23 = __builtin_shufflevector(r[2], r[3], 0, 4, 2, 6);
+  const Doubles4 high23 = __builtin_shufflevector(r[2], r[3], 1, 5, 3, 7);
+  r[0] = __builtin_shufflevector(low01, low23, 0, 1, 4, 5);
+  r[1] = __builtin_shufflevector(high01, high23, 0, 1, 4, 5);
+  r[2] = __builtin_shufflevector(low01, low23, 2, 3, 6, 7);
+  r[3] = __builtin_shufflevector(high01, high23, 2, 3, 6, 7);
+}
+
+// Four beams.
+struct PlacedFour {
+  Doubles4 x;  // in knots
+  Doubles4 y;
+  Doubles4 dx;
+  Doubles4 dy;
+  Doubles4 range;
+};
+
+[[gnu::always_inline]] inline PlacedFour LoadPlaced(const BeamMemory* beams, double knots_per_m) {
+  static_assert(offsetof(BeamMemory, direction_world) == 2 * sizeof(double));
+  Doubles4 beam[4];  // origin and direction
+  Doubles4 range_m;
+  for (int k = 0; k < 4; ++k) {
+    beam[k] = Load<Doubles4>(&beams[k]);
+    range_m[k] = beams[k].range_m;
+  }
+  Transpose(beam);
+  return {beam[0] * knots_per_m, beam[1] * knots_per_m, beam[2], beam[3], range_m * knots_per_m};
+}
+
+// Of the four beams before.
+struct HitsBefore {
+  Doubles4 x;
+  Doubles4 y;
+  Doubles4 spacing;
+};
+
+// Of four beams and the one after them.
+[[gnu::always_inline]] inline HitsBefore SetFourHits(const BeamMemory* beams, double knots_per_m,
+                                                     const HitsBefore& before, const Hits& hits,
+                                                     size_t n) {
+  const PlacedFour four = LoadPlaced(beams, knots_per_m);
+  const Doubles4 last = Load<Doubles4>(&beams[4]);
+  const Doubles4 next_dx = __builtin_shufflevector(four.dx, last, 1, 2, 3, 6);
+  const Doubles4 next_dy = __builtin_shufflevector(four.dy, last, 1, 2, 3, 7);
+  const Doubles4 x = four.x + four.range * four.dx;
+  const Doubles4 y = four.y + four.range * four.dy;
+  const Doubles4 spacing = four.range * Abs(four.dx * next_dy - four.dy * next_dx);
+  Store(x, hits.x + n);
+  Store(y, hits.y + n);
+  Store(spacing, hits.spacing + n);
+
+  // The same to either side as far as the hits lie apart, one at least.
+  const Doubles4 most = Doubles4{} + (Hits::kMostAside - 1);
+  const Doubles4 aside = Hits::kHalfChordKnots / spacing;
+  Store(__builtin_convertvector(aside < most ? aside : most, Integers4) + 1, hits.aside + n);
+
+  const Doubles4 x_step = x - __builtin_shufflevector(before.x, x, 3, 4, 5, 6);
+  const Doubles4 y_step = y - __builtin_shufflevector(before.y, y, 3, 4, 5, 6);
+  const Doubles4 oblique =
+      Hits::kMostObliqueGap * __builtin_shufflevector(before.spacing, spacing, 3, 4, 5, 6);
+  const Doubles4 near = Doubles4{} + Hits::kNearKnots;
+  const Doubles4 gap = oblique < near ? near : oblique;
+  const Longs4 is_near = x_step * x_step + y_step * y_step < gap * gap;
+  Integers4 hit;
+  for (int k = 0; k < 4; ++k) hit[k] = beams[k].hit ? -1 : 0;
+  Store(__builtin_convertvector(is_near, Integers4) & hit, hits.is_beside + n);
+  return {x, y, spacing};
+}
+
+void SetHits(const BeamMemory* beams, size_t count, double knots_per_m, const Hits& hits) {
+  HitsBefore before{};
+  size_t n = 0;
+  for (; n + 5 <= count; n += 4) before = SetFourHits(beams + n, knots_per_m, before, hits, n);
+  for (; n < count; n += 4) {
+    BeamMemory last[5] = {};
+    for (size_t k = 0; k < 5 && n + k < count; ++k) last[k] = beams[n + k];
+    // The last beam's spacing is that to the one before.
+    if (count < n + 5) last[count - n] = beams[count > 1 ? count - 2 : 0];
+    before = SetFourHits(last, knots_per_m, before, hits, n);
+  }
+}
+
+void SetFourFaces(const BeamMemory* beams, const Chord* chords, Face* faces) {
+  constexpr double kBefore = SignedDistance::kFrontKnots;
+  static_assert(offsetof(Chord, behind_knots) == 2 * sizeof(double));
+  static_assert(offsetof(Face, behind_knots) == 3 * sizeof(double));
+  Doubles4 chord[4];
+  Doubles4 beam[4];
+  Integers4 weight;
+  for (int k = 0; k < 4; ++k) {
+    chord[k] = Load<Doubles4>(&chords[k]);
+    beam[k] = Load<Doubles4>(&beams[k]);
+    weight[k] = chords[k].weight;
+  }
+  Transpose(chord);
+  Transpose(beam);
+  const Doubles4 dx = beam[2];
+  const Doubles4 dy = beam[3];
+  const Doubles4 squared_length = chord[0] * chord[0] + chord[1] * chord[1];
+  const Longs4 is_lone = squared_length < Face::kLeastChordKnots * Face::kLeastChordKnots;
+  const Doubles4 scale = 1 / SquareRoot(is_lone ? Doubles4{} + 1 : squared_length);
+  const Doubles4 x = -chord[1] * scale;
+  const Doubles4 y = chord[0] * scale;
+  const Doubles4 cosine = x * dx + y * dy;
+  const Longs4 is_away = cosine < 0;
+  const Doubles4 least = Doubles4{} + Face::kLeastCosine;
+  const Doubles4 stretch = 1 / (Abs(cosine) < least ? least : Abs(cosine));
+  const Longs4 is_face = __builtin_convertvector(weight != 0, Longs4);
+  // Control points one knot from the plane in front, and a row more.
+  const Doubles4 before = (is_lone ? Doubles4{} + 1 : stretch) * kBefore + 1;
+  Doubles4 face[4] = {is_lone   ? dx
+                      : is_away ? -x
+                                : x,
+                      is_lone   ? dy
+                      : is_away ? -y
+                                : y,
+                      is_face ? before : Doubles4{}, chord[2]};
+  Transpose(face);
+  for (int k = 0; k < 4; ++k) {
+    Store(face[k], &faces[k]);
+    faces[k].weight = weight[k];
+  }
+}
+
+void SetFaces(const BeamMemory* beams, const Chord* chords, size_t count, Face* faces) {
+  size_t n = 0;
+  for (; n + 4 <= count; n += 4) SetFourFaces(beams + n, chords + n, faces + n);
+  if (n == count) return;
+  BeamMemory last[4] = {};
+  Chord last_chords[4] = {};
+  Face last_faces[4];
+  __builtin_memcpy(last, beams + n, (count - n) * sizeof *beams);
+  __builtin_memcpy(last_chords, chords + n, (count - n) * sizeof *chords);
+  SetFourFaces(last, last_chords, last_faces);
+  __builtin_memcpy(faces + n, last_faces, (count - n) * sizeof *faces);
+}
 
 // Four beams in the plane of the axis that each is steep to.
 struct FourBeams {
@@ -121,24 +352,10 @@ struct FourBeams {
 };
 
 [[gnu::always_inline]] inline FourBeams LoadFour(const BeamMemory* beams, double knots_per_m) {
-  static_assert(offsetof(BeamMemory, direction_world) == 2 * sizeof(double));
-  Doubles4 beam[4];  // origin and direction
-  Doubles4 range_m;
-  for (int k = 0; k < 4; ++k) {
-    beam[k] = Load<Doubles4>(&beams[k]);
-    range_m[k] = beams[k].range_m;
-  }
-  const Doubles4 xy01 = __builtin_shufflevector(beam[0], beam[1], 0, 4, 1, 5);
-  const Doubles4 xy23 = __builtin_shufflevector(beam[2], beam[3], 0, 4, 1, 5);
-  const Doubles4 uv01 = __builtin_shufflevector(beam[0], beam[1], 2, 6, 3, 7);
-  const Doubles4 uv23 = __builtin_shufflevector(beam[2], beam[3], 2, 6, 3, 7);
-  const Doubles4 x = __builtin_shufflevector(xy01, xy23, 0, 1, 4, 5) * knots_per_m;
-  const Doubles4 y = __builtin_shufflevector(xy01, xy23, 2, 3, 6, 7) * knots_per_m;
-  const Doubles4 dx = __builtin_shufflevector(uv01, uv23, 0, 1, 4, 5);
-  const Doubles4 dy = __builtin_shufflevector(uv01, uv23, 2, 3, 6, 7);
+  const auto [x, y, dx, dy, range] = LoadPlaced(beams, knots_per_m);
   const Longs4 is_steep = Abs(dy) >= Abs(dx);
   return {is_steep,           is_steep ? y : x,   is_steep ? x : y,
-          is_steep ? dy : dx, is_steep ? dx : dy, range_m * knots_per_m};
+          is_steep ? dy : dx, is_steep ? dx : dy, range};
 }
 
 // Which columns the lines of four beams have in their first rows.
@@ -153,30 +370,30 @@ struct FourLines {
 
 [[gnu::always_inline]] inline FourLines SetFour(const FourBeams& beams, Doubles4 slope,
                                                 Doubles4 first_row, Doubles4 last_row) {
-  const Doubles4 slope_index = Floor(slope * FreeLineTable::kSlopesPerOne + 0.5);
-  const Doubles4 first_column = slope_index < 0 ? Doubles4{} + FreeLineTable::FirstColumn(true)
-                                                : Doubles4{} + FreeLineTable::FirstColumn(false);
+  using Table = FreeLineTable<int32_t>;
+  const Doubles4 slope_index = Floor(slope * Table::kSlopesPerOne + 0.5);
+  const Doubles4 first_column = slope_index < 0 ? Doubles4{} + Table::FirstColumn(true)
+                                                : Doubles4{} + Table::FirstColumn(false);
   constexpr double kOne = int64_t{1} << FreeLine::kFractionBits;
-  constexpr double kHalfPhase = 0.5 / FreeLine::kPhases;
+  constexpr double kHalfPhase = 0.5 / Table::kPhases;
   const Doubles4 column =
       beams.across + (first_row - beams.along) * slope + (first_column + kHalfPhase);
   const Doubles4 cell = Floor(column);
   return {cell,
           __builtin_convertvector(Floor((column - cell) * kOne + 0.5), Integers4),
           __builtin_convertvector(Floor(slope * kOne + 0.5), Integers4),
-          __builtin_convertvector(slope_index, Integers4) + FreeLineTable::kSlopesPerOne,
+          __builtin_convertvector(slope_index, Integers4) + Table::kSlopesPerOne,
           __builtin_convertvector(first_row, Integers4),
           __builtin_convertvector(last_row - first_row, Integers4) + 1};
 }
 
-[[gnu::always_inline]] inline void StoreLine(const FourLines& lines, int k,
-                                             const int32_t* row_pairs, FreeLine& line) {
+[[gnu::always_inline]] inline void StoreLine(const FourLines& lines, int k, FreeLine& line) {
   line.column =
       (static_cast<int64_t>(lines.cell[k]) << FreeLine::kFractionBits) + lines.fraction[k];
   line.columns_per_row = lines.columns_per_row[k];
   line.first_row = lines.first_row[k];
   line.rows = lines.rows[k];
-  line.row_pairs = row_pairs + ptrdiff_t{lines.slope[k]} * FreeLineTable::kSumsPerSlope;
+  line.slope = lines.slope[k];
 }
 
 // The free part of four beams: the rows of control points between the ends of a line. Those of no
@@ -194,8 +411,7 @@ void SetFourLines(const BeamMemory* memory, const FreeLineModel& model, FreeLine
   const FourLines lines = SetFour(beams, slope, first_row, last_row);
   for (int k = 0; k < 4; ++k) {
     const bool is_steep = beams.is_steep[k] != 0;
-    StoreLine(lines, k, model.row_pairs,
-              is_steep ? steep_lines[counts.steep] : shallow_lines[counts.shallow]);
+    StoreLine(lines, k, is_steep ? steep_lines[counts.steep] : shallow_lines[counts.shallow]);
     const bool is_line = has_length[k] != 0 && lines.rows[k] > 0;
     counts.steep += is_line && is_steep ? 1 : 0;
     counts.shallow += is_line && !is_steep ? 1 : 0;
@@ -219,20 +435,14 @@ LineCounts SetLines(const BeamMemory* beams, size_t count, const FreeLineModel& 
 
 // Four beams cut in two: the rows of control points before their faces, and those that take part in
 // them.
-void SetFourFaceLines(const BeamMemory* memory, const Face* faces, const FreeLineModel& model,
+void SetFourFaceLines(const BeamMemory* memory, const Face* faces, double knots_per_m,
                       FreeLine* steep_lines, FreeLine* shallow_lines, FaceLine* steep_faces,
                       FaceLine* shallow_faces, ScanKernel::FaceLineCounts& counts) {
-  const FourBeams beams = LoadFour(memory, model.knots_per_m);
-  Doubles4 normal_x;
-  Doubles4 normal_y;
-  Doubles4 before;
-  Doubles4 behind;
-  for (int k = 0; k < 4; ++k) {
-    normal_x[k] = faces[k].normal[0];
-    normal_y[k] = faces[k].normal[1];
-    before[k] = faces[k].before_knots;
-    behind[k] = faces[k].behind_knots;
-  }
+  const FourBeams beams = LoadFour(memory, knots_per_m);
+  Doubles4 face_of[4];
+  for (int k = 0; k < 4; ++k) face_of[k] = Load<Doubles4>(&faces[k]);
+  Transpose(face_of);
+  const auto [normal_x, normal_y, before, behind] = face_of;
   const Doubles4 length_or_less = beams.range - before;
   const Doubles4 length = length_or_less > 0 ? length_or_less : Doubles4{};
   const Longs4 is_forward = beams.d_along > 0;
@@ -261,14 +471,14 @@ void SetFourFaceLines(const BeamMemory* memory, const Face* faces, const FreeLin
 
   for (int k = 0; k < 4; ++k) {
     const bool is_steep = beams.is_steep[k] != 0;
-    StoreLine(free, k, model.row_pairs,
+    StoreLine(free, k,
               is_steep ? steep_lines[counts.free.steep] : shallow_lines[counts.free.shallow]);
     const bool is_line = free.rows[k] > 0;
     counts.free.steep += is_line && is_steep ? 1 : 0;
     counts.free.shallow += is_line && !is_steep ? 1 : 0;
 
     FaceLine& line = is_steep ? steep_faces[counts.face.steep] : shallow_faces[counts.face.shallow];
-    StoreLine(face, k, model.face_row_pairs, line.line);
+    StoreLine(face, k, line.line);
     line.weight = faces[k].weight;
     line.share = static_cast<float>(share[k]);
     line.share_per_column = static_cast<float>(per_column[k]);
@@ -282,13 +492,13 @@ void SetFourFaceLines(const BeamMemory* memory, const Face* faces, const FreeLin
 }
 
 ScanKernel::FaceLineCounts SetFaceLines(const BeamMemory* beams, const Face* faces, size_t count,
-                                        const FreeLineModel& model, FreeLine* steep_lines,
+                                        double knots_per_m, FreeLine* steep_lines,
                                         FreeLine* shallow_lines, FaceLine* steep_faces,
                                         FaceLine* shallow_faces) {
   ScanKernel::FaceLineCounts counts;
   size_t n = 0;
   for (; n + 4 <= count; n += 4) {
-    SetFourFaceLines(beams + n, faces + n, model, steep_lines, shallow_lines, steep_faces,
+    SetFourFaceLines(beams + n, faces + n, knots_per_m, steep_lines, shallow_lines, steep_faces,
                      shallow_faces, counts);
   }
   if (n < count) {
@@ -296,135 +506,171 @@ ScanKernel::FaceLineCounts SetFaceLines(const BeamMemory* beams, const Face* fac
     Face last_faces[4] = {};
     __builtin_memcpy(last, beams + n, (count - n) * sizeof *beams);
     __builtin_memcpy(last_faces, faces + n, (count - n) * sizeof *faces);
-    SetFourFaceLines(last, last_faces, model, steep_lines, shallow_lines, steep_faces,
+    SetFourFaceLines(last, last_faces, knots_per_m, steep_lines, shallow_lines, steep_faces,
                      shallow_faces, counts);
   }
   return counts;
 }
 
-void AddLine(const FreeLine& line, SumPlane& plane) {
+// So many rows from column x of a block on lie in pairs that begin in it.
+[[gnu::always_inline]] inline int32_t RowsInBlock(uint32_t x, uint32_t width,
+                                                  int32_t columns_per_row) {
+  if (columns_per_row == 0) return kBlockRows;
+  const uint32_t way = columns_per_row > 0 ? width - 1 - x : x;
+  const auto per_row =
+      static_cast<uint32_t>(columns_per_row > 0 ? columns_per_row : -columns_per_row);
+  return static_cast<int32_t>(way / per_row + 2) & ~1;
+}
+
+template <typename Sum>
+void AddLine(const FreeLine& line, const Sum* table, SumPlane<Sum>& plane) {
+  using Table = FreeLineTable<Sum>;
+  using Block = SumBlock<Sum>;
   constexpr int kTileShift = FreeLine::kFractionBits + 5;
-  constexpr uint32_t kTileWidth = uint32_t{1} << kTileShift;
-  constexpr int kPhaseShift = FreeLine::kFractionBits - FreeLine::kPhaseBits;
-  const int32_t* const row_pairs = line.row_pairs;
-  const auto columns_per_row = static_cast<uint32_t>(line.columns_per_row);
+  constexpr int kWidthShift = kTileShift + Block::kAcrossBits;
+  constexpr uint32_t kWidth = uint32_t{1} << kWidthShift;
+  constexpr int kPhaseShift = FreeLine::kFractionBits - Table::kPhaseBits;
+  constexpr uint32_t kLastColumn = (Table::kWidth - 1) << FreeLine::kFractionBits;
+  const Sum* const row_pairs = table + ptrdiff_t{line.slope} * Table::kSumsPerSlope;
+  const auto columns_per_pair = static_cast<uint32_t>(2 * line.columns_per_row);
   int64_t column = line.column;
   int32_t row = line.first_row;
-  int32_t rows = line.rows;
-  while (rows > 0) {
-    SumBlock* block = plane.At(static_cast<int32_t>(column >> kTileShift), row >> kBlockShift);
-    const int32_t row_in_block = row & (SumBlock::kRows - 1);
-    const int32_t rows_left = SumBlock::kRows - row_in_block;
-    int32_t* const begin = block->sums + row_in_block * kStride;
-    const int32_t* const end = begin + (rows_left < rows ? rows_left : rows) * kStride;
-    int32_t* sums = begin;
-    uint32_t x = static_cast<uint32_t>(column) & (kTileWidth - 1);
-    do {
-      const uint32_t phase = (x >> kPhaseShift) & (FreeLine::kPhases - 1);
-      const int32_t* const pair = row_pairs + phase * (2 * FreeLine::kWidth);
-      int32_t* const place = sums + (x >> FreeLine::kFractionBits);
-      AddTo(Load<Int32x8>(pair), place);
-      sums += kStride;
-      x += columns_per_row;
-      if (sums == end) break;
-      AddTo(Load<Int32x8>(pair + FreeLine::kWidth), place + kStride);
-      sums += kStride;
-      x += columns_per_row;
-    } while (sums != end && x < kTileWidth);
-    const auto done = static_cast<int32_t>((sums - begin) / kStride);
-    Touch(*block, row_in_block, row_in_block + done - 1);
-    row += done;
-    rows -= done;
-    column += int64_t{line.columns_per_row} * done;
+  int32_t left = line.rows;
+  while (left > 0) {
+    Block* block = plane.At(static_cast<int32_t>(column >> kWidthShift), row >> kBlockShift);
+    const int32_t row_in_block = row & (kBlockRows - 1);
+    const uint32_t first_x = static_cast<uint32_t>(column) & (kWidth - 1);
+    const int32_t rows =
+        Least(left, kBlockRows - row_in_block, RowsInBlock(first_x, kWidth, line.columns_per_row));
+    uint32_t x = first_x;
+    Sum* sums = block->sums + row_in_block * kStride<Sum>;
+    const auto add_pair = [&](Row<Sum> second_mask) {
+      const uint32_t phase = (x >> kPhaseShift) & (Table::kPhases - 1);
+      const Sum* const pair = row_pairs + phase * (2 * Table::kWidth);
+      Sum* const place = sums + (x >> FreeLine::kFractionBits);
+      AddTo(Load<Row<Sum>>(pair), place);
+      AddTo(Load<Row<Sum>>(pair + Table::kWidth) & second_mask, place + kStride<Sum>);
+    };
+    for (int32_t n = (rows - 1) / 2; n > 0; --n) {
+      add_pair(~Row<Sum>{});
+      sums += 2 * kStride<Sum>;
+      x += columns_per_pair;
+    }
+    // Without a branch, which could not be foretold, for the half of lines that end with a whole
+    // pair.
+    add_pair(Row<Sum>{} - static_cast<Sum>(1 - rows % 2));
+
+    const uint32_t groups = GroupsOf(row_in_block, row_in_block + rows - 1);
+    const auto first = static_cast<int32_t>((x < first_x ? x : first_x) >> kTileShift);
+    const auto last =
+        static_cast<int32_t>(((x < first_x ? first_x : x) + kLastColumn) >> kTileShift);
+    for (int32_t tile = 0; tile <= Block::kAcross; ++tile) {
+      block->touched[tile] |= tile >= first && tile <= last ? groups : 0;
+    }
+    column += int64_t{line.columns_per_row} * rows;
+    row += rows;
+    left -= rows;
   }
 }
 
-void AddLines(const FreeLine* lines, size_t count, SumPlane& plane) {
-  for (size_t n = 0; n < count; ++n) AddLine(lines[n], plane);
+template <typename Sum>
+void AddLines(const FreeLine* lines, size_t count, const Sum* table, SumPlane<Sum>& plane) {
+  for (size_t n = 0; n < count; ++n) AddLine(lines[n], table, plane);
 }
 
-void AddFace(const FaceLine& face, SumPlane& weights, SumPlane& occupied) {
-  constexpr int kTileShift = FreeLine::kFractionBits + 5;
-  constexpr int kPhaseShift = FreeLine::kFractionBits - FreeLine::kPhaseBits;
+void AddFace(const FaceLine& face, const int32_t* table, SumPlane<FaceSum>& plane) {
+  constexpr int kPhaseShift = FreeLine::kFractionBits - FaceLineTable::kPhaseBits;
   constexpr float kWhole = SignedDistance::kWholeShare;
   constexpr int kPartBits = 5;
-  constexpr int kWholePart = 1 << kPartBits;
-  constexpr Floats8 kLanes8 = {0, 1, 2, 3, 4, 5, 6, 7};
+  constexpr int kRowsAtOnce = 8;
   const FreeLine& line = face.line;
+  const int32_t* const rows = table + ptrdiff_t{line.slope} * FaceLineTable::kSumsPerSlope;
+  // The line begins at the first column of a free one.
+  const int32_t skipped = FaceLineTable::kFirstColumn - FreeLineTable<int32_t>::FirstColumn(
+                                                            line.slope < LineTable::kSlopesPerOne);
+  const Floats4 columns = static_cast<float>(skipped) + Floats4{0, 1, 2, 3};
+  const Floats4 share_of_columns = columns * face.share_per_column;
   const auto first_cell = static_cast<int32_t>(line.column >> FreeLine::kFractionBits);
-  int64_t column = line.column;
-  SumBlock* weight_block = nullptr;
-  SumBlock* occupied_block = nullptr;
-  for (int32_t n = 0; n < line.rows; ++n, column += line.columns_per_row) {
-    const int32_t row = line.first_row + n;
-    const auto tx = static_cast<int32_t>(column >> kTileShift);
-    const int32_t block_row = row >> kBlockShift;
-    if (weight_block == nullptr || weight_block->tx != tx || weight_block->row != block_row) {
-      weight_block = weights.At(tx, block_row);
-      occupied_block = occupied.At(tx, block_row);
+  const auto fraction =
+      static_cast<int32_t>(line.column & ((int64_t{1} << FreeLine::kFractionBits) - 1));
+  SumBlock<FaceSum>* block = nullptr;
+  for (int32_t first = 0; first < line.rows; first += kRowsAtOnce) {
+    const Int32x8 n = first + Int32x8{0, 1, 2, 3, 4, 5, 6, 7};
+    const Floats8 n_float = __builtin_convertvector(n, Floats8);
+    const Int32x8 column = fraction + n * line.columns_per_row;
+    const Int32x8 cells = column >> FreeLine::kFractionBits;
+    const Floats8 most_part = face.part + n_float * face.part_per_row;
+    const Floats8 part = most_part < 1 ? most_part : Floats8{} + 1;
+    int32_t cell_of_row[kRowsAtOnce];
+    int32_t phase_of_row[kRowsAtOnce];
+    int32_t weight_of_row[kRowsAtOnce];
+    float share_of_row[kRowsAtOnce];
+    Store(first_cell + skipped + cells, cell_of_row);
+    Store((column >> kPhaseShift) & (LineTable::kPhases - 1), phase_of_row);
+    Store(face.weight * __builtin_convertvector(part * part * (1 << kPartBits), Int32x8),
+          weight_of_row);
+    Store(face.share + __builtin_convertvector(cells, Floats8) * face.share_per_column +
+              n_float * face.share_per_row,
+          share_of_row);
+    const int32_t left = line.rows - first;
+    for (int32_t k = 0; k < left && k < kRowsAtOnce; ++k) {
+      const int32_t row = line.first_row + first + k;
+      const int32_t cell = cell_of_row[k];
+      if (block == nullptr || block->column != cell >> 5 || block->row != row >> kBlockShift) {
+        block = plane.At(cell >> 5, row >> kBlockShift);
+      }
+      const Integers4 weight =
+          (Load<Integers4>(rows + phase_of_row[k] * FaceLineTable::kWidth) * weight_of_row[k]) >>
+          kPartBits;
+      Floats4 share = share_of_row[k] + share_of_columns;
+      share = share < 0 ? Floats4{} : share;
+      share = share > kWhole ? Floats4{} + kWhole : share;
+      static_assert(SignedDistance::kWholeShare == 1 << 8);
+      const Integers4 occupied = (weight * __builtin_convertvector(share, Integers4)) >> 8;
+      const int32_t row_in_block = row & (kBlockRows - 1);
+      const int32_t place = cell & (kSide - 1);
+      AddTo(__builtin_shufflevector(weight, occupied, 0, 4, 1, 5, 2, 6, 3, 7),
+            block->sums + row_in_block * kStride<FaceSum> + place);
+      const uint32_t group = GroupsOf(row_in_block, row_in_block);
+      block->touched[0] |= group;
+      block->touched[1] |= place > kSide - FaceLineTable::kWidth ? group : 0;
     }
-    const auto cell = static_cast<int32_t>(column >> FreeLine::kFractionBits);
-    const auto phase = static_cast<uint32_t>(column >> kPhaseShift) & (FreeLine::kPhases - 1);
-    const float part_of_row = face.part + static_cast<float>(n) * face.part_per_row;
-    const int32_t part =
-        part_of_row < 1 ? static_cast<int32_t>(part_of_row * part_of_row * kWholePart) : kWholePart;
-    const auto weight =
-        (Load<Int32x8>(line.row_pairs + phase * (2 * FreeLine::kWidth)) * (face.weight * part)) >>
-        kPartBits;
-    const float at_cell = face.share +
-                          static_cast<float>(cell - first_cell) * face.share_per_column +
-                          static_cast<float>(n) * face.share_per_row;
-    Floats8 share = at_cell + kLanes8 * face.share_per_column;
-    share = share < 0 ? Floats8{} : share;
-    share = share > kWhole ? Floats8{} + kWhole : share;
-    const auto whole_shares = __builtin_convertvector(share, Int32x8);
-    const int32_t row_in_block = row & (SumBlock::kRows - 1);
-    const int32_t place = row_in_block * kStride + (cell & (kSide - 1));
-    AddTo(weight, weight_block->sums + place);
-    static_assert(SignedDistance::kWholeShare == 1 << 8);
-    AddTo((weight * whole_shares) >> 8, occupied_block->sums + place);
-    Touch(*weight_block, row_in_block, row_in_block);
-    Touch(*occupied_block, row_in_block, row_in_block);
   }
 }
 
-void AddFaces(const FaceLine* faces, size_t count, SumPlane& weights, SumPlane& occupied) {
-  for (size_t n = 0; n < count; ++n) AddFace(faces[n], weights, occupied);
+void AddFaces(const FaceLine* faces, size_t count, const int32_t* table, SumPlane<FaceSum>& plane) {
+  for (size_t n = 0; n < count; ++n) AddFace(faces[n], table, plane);
 }
 
-void AddSamples(const PointSample* samples, size_t count, SumPlane& plane) {
+void AddSamples(const PointSample* samples, size_t count, SumPlane<int32_t>& plane) {
   constexpr int kHalf = 1 << (PointSample::kWeightBits - 1);
   for (size_t n = 0; n < count; ++n) {
     const PointSample& sample = samples[n];
     const int32_t tx = sample.i >> 5;
     const auto x_weights = Load<Int32x4>(sample.x_weights);
-    SumBlock* block = plane.At(tx, sample.j >> kBlockShift);
+    SumBlock<int32_t>* block = plane.At(tx, sample.j >> kBlockShift);
     for (int k = 0; k < 4; ++k) {
-      const int32_t row = (sample.j + k) & (SumBlock::kRows - 1);
+      const int32_t row = (sample.j + k) & (kBlockRows - 1);
       if (row == 0 && k > 0) block = plane.At(tx, (sample.j + k) >> kBlockShift);
-      Touch(*block, row, row);
+      for (uint32_t& groups : block->touched) groups |= GroupsOf(row, row);
       AddTo((x_weights * sample.y_weights[k] + kHalf) >> PointSample::kWeightBits,
-            block->sums + row * kStride + (sample.i & (kSide - 1)));
+            block->sums + row * kStride<int32_t> + (sample.i & (kSide - 1)));
     }
   }
 }
 
-bool HasApron(const int32_t* sums) {
-  Int32x8 any{};
-  for (int row = 0; row < kSide; ++row) any |= Load<Int32x8>(sums + row * kStride + kSide);
-  return !IsZero(any);
-}
-
-void MoveApron(int32_t* from, int32_t* to) {
-  for (int row = 0; row < kSide; ++row) {
-    int32_t* apron = from + row * kStride + kSide;
-    AddTo(Load<Int32x8>(apron), to + row * kStride);
-    Store(Int32x8{}, apron);
+// Of faces, four sums are all that they reach.
+template <typename Sum>
+void MoveApron(Sum* apron, uint32_t groups, Sum* to) {
+  for (int row = 0; row < kSide; ++row, apron += kStride<Sum>, to += kStride<Sum>) {
+    if ((groups >> (row / kRowsPerGroup) & 1) == 0) continue;
+    AddTo(Load<Row<Sum>>(apron), to);
+    Store(Row<Sum>{}, apron);
   }
 }
 
 // Exchanges rows and columns.
-void Transpose(Int32x8 (&r)[8]) {
+[[gnu::always_inline]] inline void Transpose(Int32x8 (&r)[8]) {
   Int32x8 t[8];
   for (int k = 0; k < 8; k += 2) {
     t[k] = __builtin_shufflevector(r[k], r[k + 1], 0, 8, 2, 10, 4, 12, 6, 14);
@@ -443,19 +689,59 @@ void Transpose(Int32x8 (&r)[8]) {
   for (int k = 0; k < 8; ++k) r[k] = t[k];
 }
 
-void MoveTransposed(int32_t* from, int32_t* to) {
+// Lays the elements of the one half of the rows between those of the other, three times.
+[[gnu::always_inline]] inline void Transpose(Uint16x8 (&r)[8]) {
+  for (int step = 0; step < 3; ++step) {
+    Uint16x8 t[8];
+    for (int k = 0; k < 4; ++k) {
+      t[2 * k] = __builtin_shufflevector(r[k], r[k + 4], 0, 8, 1, 9, 2, 10, 3, 11);
+      t[2 * k + 1] = __builtin_shufflevector(r[k], r[k + 4], 4, 12, 5, 13, 6, 14, 7, 15);
+    }
+    for (int k = 0; k < 8; ++k) r[k] = t[k];
+  }
+}
+
+template <typename Sum>
+void MoveTransposed(Sum* from, uint32_t groups, Sum* to) {
+  constexpr int kGroupsOfEight = (1 << (8 / kRowsPerGroup)) - 1;
   for (int y = 0; y < kSide; y += 8) {
+    if ((groups >> (y / kRowsPerGroup) & kGroupsOfEight) == 0) continue;
     for (int x = 0; x < kSide; x += 8) {
-      int32_t* source = from + y * kStride + x;
-      Int32x8 rows[8];
-      for (int k = 0; k < 8; ++k) rows[k] = Load<Int32x8>(source + k * kStride);
+      Sum* source = from + y * kStride<Sum> + x;
+      Row<Sum> rows[8];
+      for (int k = 0; k < 8; ++k) rows[k] = Load<Row<Sum>>(source + k * kStride<Sum>);
       if (IsZero((rows[0] | rows[1]) | (rows[2] | rows[3]) | (rows[4] | rows[5]) |
                  (rows[6] | rows[7]))) {
         continue;
       }
-      for (int k = 0; k < 8; ++k) Store(Int32x8{}, source + k * kStride);
+      for (int k = 0; k < 8; ++k) Store(Row<Sum>{}, source + k * kStride<Sum>);
       Transpose(rows);
-      for (int k = 0; k < 8; ++k) AddTo(rows[k], to + (x + k) * kStride + y);
+      for (int k = 0; k < 8; ++k) AddTo(rows[k], to + (x + k) * kStride<Sum> + y);
+    }
+  }
+}
+
+template <>
+void MoveTransposed(FaceSum* from, uint32_t groups, FaceSum* to) {
+  for (int y = 0; y < kSide; y += 4) {
+    if ((groups >> (y / kRowsPerGroup) & 1) == 0) continue;
+    for (int x = 0; x < kSide; x += 4) {
+      FaceSum* source = from + y * kStride<FaceSum> + x;
+      Int32x8 r[4];
+      for (int k = 0; k < 4; ++k) r[k] = Load<Int32x8>(source + k * kStride<FaceSum>);
+      if (IsZero((r[0] | r[1]) | (r[2] | r[3]))) continue;
+      for (int k = 0; k < 4; ++k) Store(Int32x8{}, source + k * kStride<FaceSum>);
+      for (int k = 0; k < 4; k += 2) {
+        const Int32x8 even = __builtin_shufflevector(r[k], r[k + 1], 0, 1, 8, 9, 4, 5, 12, 13);
+        r[k + 1] = __builtin_shufflevector(r[k], r[k + 1], 2, 3, 10, 11, 6, 7, 14, 15);
+        r[k] = even;
+      }
+      for (int k = 0; k < 2; ++k) {
+        AddTo(__builtin_shufflevector(r[k], r[k + 2], 0, 1, 2, 3, 8, 9, 10, 11),
+              to + (x + k) * kStride<FaceSum> + y);
+        AddTo(__builtin_shufflevector(r[k], r[k + 2], 4, 5, 6, 7, 12, 13, 14, 15),
+              to + (x + k + 2) * kStride<FaceSum> + y);
+      }
     }
   }
 }
@@ -469,7 +755,7 @@ Sums Rounded(Sums sums) {
 bool HasChange(const int32_t* sums) {
   for (int row = 0; row < kSide; ++row) {
     for (int k = 0; k < kSide; k += kLanes) {
-      if (!IsZero(Rounded(Load<Sums>(sums + row * kStride + k)))) return true;
+      if (!IsZero(Rounded(Load<Sums>(sums + row * kStride<int32_t> + k)))) return true;
     }
   }
   return false;
@@ -487,7 +773,7 @@ void Commit(int32_t* sums, ControlLimits limits, ControlLimits scan_limits,
             ControlPoint* control_points) {
   for (int row = 0; row < kSide; ++row) {
     for (int k = 0; k < kSide; k += kLanes) {
-      int32_t* const some = sums + row * kStride + k;
+      int32_t* const some = sums + row * kStride<int32_t> + k;
       const Sums change = Rounded(Load<Sums>(some));
       Store(Sums{}, some);
       const Sums old = Widen(Load<ControlPoints>(control_points));
@@ -500,49 +786,114 @@ void Commit(int32_t* sums, ControlLimits limits, ControlLimits scan_limits,
   }
 }
 
+// (a - b) * c / 2^15, rounded, where the difference saturates.
+[[gnu::always_inline]] inline WholeControlPoints Share(WholeControlPoints a, WholeControlPoints b,
+                                                       WholeControlPoints c) {
+#if defined(__AVX512BW__)
+  return reinterpret_cast<WholeControlPoints>(_mm512_mulhrs_epi16(
+      _mm512_subs_epi16(reinterpret_cast<__m512i>(a), reinterpret_cast<__m512i>(b)),
+      reinterpret_cast<__m512i>(c)));
+#elif defined(__AVX2__)
+  return reinterpret_cast<WholeControlPoints>(_mm256_mulhrs_epi16(
+      _mm256_subs_epi16(reinterpret_cast<__m256i>(a), reinterpret_cast<__m256i>(b)),
+      reinterpret_cast<__m256i>(c)));
+#else
+  using Wide [[gnu::vector_size(8 * kLanes)]] = int32_t;
+  const Wide most = Wide{} + 32767;
+  Wide difference = __builtin_convertvector(a, Wide) - __builtin_convertvector(b, Wide);
+  difference = difference > most ? most : difference;
+  difference = difference < ~most ? ~most : difference;
+  return __builtin_convertvector((difference * __builtin_convertvector(c, Wide) + (1 << 14)) >> 15,
+                                 WholeControlPoints);
+#endif
+}
+
+// Of as many control points as a register holds.
+struct Votes {
+  WholeControlPoints distance;
+  WholeControlPoints weight;  // up to kMostWeight
+};
+
+[[gnu::always_inline]] inline Votes VotesOfFree(const uint16_t* free) {
+  const auto weight = Load<WholeWeights>(free);
+  const WholeWeights most = WholeWeights{} + SignedDistance::kMostWeight;
+  return {WholeControlPoints{} + SignedDistance::kFree,
+          reinterpret_cast<WholeControlPoints>(weight < most ? weight : most)};
+}
+
+// Moves the sums of faces. Those of free space stay.
+[[gnu::always_inline]] inline Votes TakeVotes(const uint16_t* free, FaceSum* faces) {
+  using HalfWeights [[gnu::vector_size(2 * kLanes)]] = uint16_t;
+  constexpr float kRange = SignedDistance::kOccupied - SignedDistance::kFree;
+  constexpr int kMost = SignedDistance::kMostWeight;
+  ControlPoints distances[2];
+  ControlPoints weights[2];
+  for (int half = 0; half < 2; ++half) {
+    FaceSum* const some = faces + half * kLanes;
+    const auto first = Load<Sums>(some);
+    const auto second = Load<Sums>(some + kLanes / 2);
+    const auto free_weight = Load<HalfWeights>(free + half * kLanes);
+    if (IsZero(first | second)) {
+      distances[half] = ControlPoints{} + SignedDistance::kFree;
+      weights[half] = reinterpret_cast<ControlPoints>(free_weight < kMost ? free_weight
+                                                                          : HalfWeights{} + kMost);
+      continue;
+    }
+    Store(Sums{}, some);
+    Store(Sums{}, some + kLanes / 2);
+    Sums weight;
+    Sums occupied;
+    Split(first, second, weight, occupied);
+    weight += __builtin_convertvector(free_weight, Sums);
+    const Shares share = __builtin_convertvector(occupied, Shares) /
+                         __builtin_convertvector(weight > 0 ? weight : Sums{} + 1, Shares);
+    distances[half] =
+        Narrow(SignedDistance::kFree + __builtin_convertvector(share * kRange + 0.5F, Sums));
+    weights[half] = Narrow(weight < kMost ? weight : Sums{} + kMost);
+  }
+  return {Join(distances[0], distances[1]), Join(weights[0], weights[1])};
+}
+
 // Control points moved to their signed distance as far as the weight says; those without weight
 // stay.
-[[gnu::always_inline]] inline Sums Averaged(Sums distance, Sums weight, Sums old,
-                                            ControlLimits limits) {
-  constexpr int32_t kHalf = 1 << (SignedDistance::kForgetBits - 1);
-  const Sums most = Sums{} + SignedDistance::kMostWeight;
-  const Sums counted = weight < most ? weight : most;
-  const Sums change = ((distance - old) * counted + kHalf) >> SignedDistance::kForgetBits;
-  Sums result = Clamp(old == 0 ? distance : old + change, limits);
-  result = result == 0 ? Sums{} + 1 : result;  // what was touched stays known
-  return weight == 0 ? old : result;
+[[gnu::always_inline]] inline WholeControlPoints Averaged(const Votes& votes,
+                                                          WholeControlPoints old,
+                                                          ControlLimits limits) {
+  constexpr int kMoreBits = 15 - SignedDistance::kForgetBits;
+  static_assert(SignedDistance::kMostWeight << kMoreBits < 1 << 15);
+  const WholeControlPoints least = WholeControlPoints{} + limits.min;
+  const WholeControlPoints most = WholeControlPoints{} + limits.max;
+  const WholeControlPoints moved = old + Share(votes.distance, old, votes.weight << kMoreBits);
+  WholeControlPoints result = old == 0 ? votes.distance : moved;
+  result = result < least ? least : result;
+  result = result > most ? most : result;
+  result = result == 0 ? WholeControlPoints{} + 1 : result;  // what was touched stays known
+  return votes.weight == 0 ? old : result;
 }
 
-[[gnu::always_inline]] inline Sums DistanceOf(Sums occupied, Sums weight) {
-  constexpr float kRange = SignedDistance::kOccupied - SignedDistance::kFree;
-  const Shares share = __builtin_convertvector(occupied, Shares) /
-                       __builtin_convertvector(weight > 0 ? weight : Sums{} + 1, Shares);
-  return SignedDistance::kFree + __builtin_convertvector(share * kRange + 0.5F, Sums);
-}
-
-bool CommitDistances(int32_t* weights, int32_t* occupied, ControlLimits limits,
-                     const ControlPoint* from, ControlPoint* to) {
-  __builtin_memcpy(to, from, Tile::kSize * sizeof *to);
-  Sums is_changed{};
-  for (int row = 0; row < kSide; ++row) {
-    for (int k = 0; k < kSide; k += kLanes) {
-      const int place = row * kStride + k;
-      const Sums weight = Load<Sums>(weights + place);
-      if (IsZero(weight)) continue;
-      Store(Sums{}, weights + place);
-      const Sums old = Widen(Load<ControlPoints>(from + row * kSide + k));
-      const Sums part = occupied == nullptr ? Sums{} : Load<Sums>(occupied + place);
-      Sums distance = Sums{} + SignedDistance::kFree;
-      if (!IsZero(part)) {
-        distance = DistanceOf(part, weight);
-        Store(Sums{}, occupied + place);
-      }
-      const Sums result = Averaged(distance, weight, old, limits);
+bool CommitDistances(uint16_t* free, uint32_t groups, FaceSum* faces, uint32_t face_groups,
+                     ControlLimits limits, const ControlPoint* from, ControlPoint* to) {
+  constexpr int kWhole = 2 * kLanes;
+  WholeControlPoints is_changed{};
+  for (int row = 0; row < kSide; ++row, from += kSide, to += kSide) {
+    const int group = row / kRowsPerGroup;
+    if ((groups >> group & 1) == 0) {
+      __builtin_memcpy(to, from, kSide * sizeof *to);
+      continue;
+    }
+    for (int k = 0; k < kSide; k += kWhole) {
+      uint16_t* const some = free + row * kStride<uint16_t> + k;
+      const bool has_faces = (face_groups >> group & 1) != 0;
+      const Votes votes =
+          has_faces ? TakeVotes(some, faces + row * kStride<FaceSum> + k) : VotesOfFree(some);
+      Store(WholeWeights{}, some);
+      const auto old = Load<WholeControlPoints>(from + k);
+      const WholeControlPoints result = Averaged(votes, old, limits);
       is_changed |= result ^ old;
-      Store(Narrow(result), to + row * kSide + k);
+      Store(result, to + k);
     }
   }
-  return !IsZero(is_changed);
+  return !IsZero(reinterpret_cast<Sums>(is_changed));
 }
 
 #define SPLINEMAP_STRING(x) #x
@@ -553,13 +904,16 @@ bool CommitDistances(int32_t* weights, int32_t* occupied, ControlLimits limits,
 extern const ScanKernel kScanKernel;
 const ScanKernel kScanKernel{SPLINEMAP_NAME(SPLINEMAP_KERNEL),
                              &SetLines,
+                             &SetHits,
+                             &SetFaces,
                              &SetFaceLines,
-                             &AddLines,
+                             &AddLines<int32_t>,
+                             &AddLines<uint16_t>,
                              &AddFaces,
                              &AddSamples,
-                             &HasApron,
-                             &MoveApron,
-                             &MoveTransposed,
+                             {&MoveApron<int32_t>, &MoveTransposed<int32_t>},
+                             {&MoveApron<uint16_t>, &MoveTransposed<uint16_t>},
+                             {&MoveApron<FaceSum>, &MoveTransposed<FaceSum>},
                              &HasChange,
                              &Commit,
                              &CommitDistances};

@@ -1,73 +1,98 @@
 #include "lib/mapping/scan_scratch.h"
 
-#include <cstddef>
 #include <cstring>
+
+#include "lib/mapping/beam_memory.h"
 
 namespace splinemap {
 namespace {
 
-constexpr size_t kBytesOfSums = Tile::kSide * SumBlock::kStride * sizeof(int32_t);
-
-const BeamMemory* MemoryOf(absl::Span<const PlacedBeam> beams) {
-  static_assert(sizeof(PlacedBeam) == sizeof(BeamMemory));
-  static_assert(offsetof(PlacedBeam, direction_world) == offsetof(BeamMemory, direction_world));
-  static_assert(offsetof(PlacedBeam, range_m) == offsetof(BeamMemory, range_m));
-  return reinterpret_cast<const BeamMemory*>(beams.data());
+// Of the groups of a block's rows, those of a tile.
+uint32_t GroupsOf(uint32_t groups, int up) {
+  return groups >> (up * RowGroups::kPerTile) & RowGroups::kWholeTile;
 }
 
-// A tile's sums, kStride apart from row to row.
-int32_t* SumsOf(SumBlock& block, int tile) {
-  return block.sums + tile * Tile::kSide * SumBlock::kStride;
+// A tile of sums, and the groups of its rows that there may be some in.
+template <typename Sum>
+struct TouchedTile {
+  int32_t tx;
+  int32_t ty;
+  Sum* sums;
+  uint32_t groups;
+};
+
+// Null and no groups where there is none.
+template <typename Sum>
+TouchedTile<Sum> Find(SumPlane<Sum>& plane, int32_t tx, int32_t ty) {
+  using Block = SumBlock<Sum>;
+  Block* block = plane.Find(tx >> Block::kAcrossBits, ty >> Block::kUpBits);
+  if (block == nullptr) return {tx, ty, nullptr, 0};
+  const int across = tx & (Block::kAcross - 1);
+  const int up = ty & (Block::kUp - 1);
+  return {tx, ty, block->TileAt(across, up), GroupsOf(block->touched[across], up)};
 }
 
-// Finds or makes the sums of a tile, and marks them as touched.
-int32_t* Touch(SumPlane& plane, int32_t tx, int32_t ty) {
-  SumBlock& block = *plane.At(tx, ty >> 2);
-  static_assert(SumBlock::kTiles == 4);
-  block.touched |= 1u << (ty & 3);
-  return SumsOf(block, ty & 3);
+// Finds or makes the sums of a tile, and marks groups of its rows as touched.
+template <typename Sum>
+Sum* Touch(SumPlane<Sum>& plane, int32_t tx, int32_t ty, uint32_t groups = RowGroups::kWholeTile) {
+  using Block = SumBlock<Sum>;
+  Block& block = *plane.At(tx >> Block::kAcrossBits, ty >> Block::kUpBits);
+  const int across = tx & (Block::kAcross - 1);
+  const int up = ty & (Block::kUp - 1);
+  block.touched[across] |= groups << (up * RowGroups::kPerTile);
+  return block.TileAt(across, up);
 }
 
-// Those of a tile that was touched, or null.
-int32_t* FindSums(SumPlane& plane, int32_t tx, int32_t ty) {
-  SumBlock* block = plane.Find(tx, ty >> 2);
-  return block == nullptr || (block->touched >> (ty & 3) & 1) == 0 ? nullptr
-                                                                   : SumsOf(*block, ty & 3);
-}
-
-// Visits (tx, ty, sums) of the tiles that were touched. Blocks that the visitor adds are left out.
-template <typename Visitor>
-void ForEachTouched(SumPlane& plane, Visitor visit) {
+// Visits the tiles that were touched, in the columns [begin, end) of the tiles of each block.
+// Blocks that the visitor adds are left out.
+template <typename Sum, typename Visitor>
+void ForEachTouched(SumPlane<Sum>& plane, int begin, int end, Visitor visit) {
+  using Block = SumBlock<Sum>;
   const size_t count = plane.size();
   for (size_t n = 0; n < count; ++n) {
-    SumBlock& block = plane.block(n);
-    for (int tile = 0; tile < SumBlock::kTiles; ++tile) {
-      if ((block.touched >> tile & 1) != 0) {
-        visit(block.tx, block.row * SumBlock::kTiles + tile, SumsOf(block, tile));
+    Block& block = plane.block(n);
+    for (int across = begin; across < end; ++across) {
+      for (int up = 0; up < Block::kUp; ++up) {
+        const uint32_t groups = GroupsOf(block.touched[across], up);
+        if (groups == 0) continue;
+        visit(TouchedTile<Sum>{block.column * Block::kAcross + across, block.row * Block::kUp + up,
+                               block.TileAt(across, up), groups});
       }
     }
   }
 }
 
+template <typename Sum, typename Visitor>
+void ForEachTouched(SumPlane<Sum>& plane, Visitor visit) {
+  ForEachTouched(plane, 0, SumBlock<Sum>::kAcross, visit);
+}
+
+template <typename Sum, typename Visitor>
+void ForEachTouchedApron(SumPlane<Sum>& plane, Visitor visit) {
+  ForEachTouched(plane, SumBlock<Sum>::kAcross, SumBlock<Sum>::kAcross + 1, visit);
+}
+
 }  // namespace
 
 int32_t& ScanScratch::At(int32_t i, int32_t j) {
-  return Touch(upright_, i >> 5, j >> 5)[(j & 31) * SumBlock::kStride + (i & 31)];
+  return Touch(log_odds_.upright, i >> 5, j >> 5)[(j & 31) * SumBlock<int32_t>::kStride + (i & 31)];
 }
 
-void ScanScratch::AddFreeLines(absl::Span<const PlacedBeam> beams, const FreeLineModel& model) {
+void ScanScratch::AddFreeLines(absl::Span<const PlacedBeam> beams, const FreeLineModel& model,
+                               const FreeLineTable<int32_t>& table) {
   if (steep_lines_.size() <= beams.size()) {
     steep_lines_.resize(beams.size() + 1);
     shallow_lines_.resize(beams.size() + 1);
   }
   const LineCounts counts = kernel_.set_lines(MemoryOf(beams), beams.size(), model,
                                               steep_lines_.data(), shallow_lines_.data());
-  kernel_.add_lines(steep_lines_.data(), counts.steep, upright_);
-  kernel_.add_lines(shallow_lines_.data(), counts.shallow, transposed_);
+  kernel_.add_lines(steep_lines_.data(), counts.steep, table.data(), log_odds_.upright);
+  kernel_.add_lines(shallow_lines_.data(), counts.shallow, table.data(), log_odds_.transposed);
 }
 
 void ScanScratch::AddFaceLines(absl::Span<const PlacedBeam> beams, absl::Span<const Face> faces,
-                               const FreeLineModel& model) {
+                               double knots_per_m, const FreeLineTable<uint16_t>& free_table,
+                               const FaceLineTable& face_table) {
   if (steep_faces_.size() <= beams.size()) {
     steep_lines_.resize(beams.size() + 1);
     shallow_lines_.resize(beams.size() + 1);
@@ -75,64 +100,69 @@ void ScanScratch::AddFaceLines(absl::Span<const PlacedBeam> beams, absl::Span<co
     shallow_faces_.resize(beams.size() + 1);
   }
   const ScanKernel::FaceLineCounts counts = kernel_.set_face_lines(
-      MemoryOf(beams), faces.data(), beams.size(), model, steep_lines_.data(),
+      MemoryOf(beams), faces.data(), beams.size(), knots_per_m, steep_lines_.data(),
       shallow_lines_.data(), steep_faces_.data(), shallow_faces_.data());
-  kernel_.add_lines(steep_lines_.data(), counts.free.steep, upright_);
-  kernel_.add_lines(shallow_lines_.data(), counts.free.shallow, transposed_);
-  kernel_.add_faces(steep_faces_.data(), counts.face.steep, upright_, occupied_upright_);
-  kernel_.add_faces(shallow_faces_.data(), counts.face.shallow, transposed_, occupied_transposed_);
-  has_distances_ = true;
+  kernel_.add_free_lines(steep_lines_.data(), counts.free.steep, free_table.data(), free_.upright);
+  kernel_.add_free_lines(shallow_lines_.data(), counts.free.shallow, free_table.data(),
+                         free_.transposed);
+  kernel_.add_faces(steep_faces_.data(), counts.face.steep, face_table.data(), faces_.upright);
+  kernel_.add_faces(shallow_faces_.data(), counts.face.shallow, face_table.data(),
+                    faces_.transposed);
 }
 
 void ScanScratch::CommitTo(Layer& layer, ControlLimits limits, ControlLimits scan_limits) {
-  Collect(upright_, transposed_);
   layer.BeginCommit();
-  if (has_distances_) {
-    CommitDistances(layer, limits);
-  } else {
-    CommitSums(layer, limits, scan_limits);
-  }
-  upright_.Clear();
-  has_distances_ = false;
+  CommitSums(layer, limits, scan_limits);
+  CommitDistances(layer, limits);
 }
 
 void ScanScratch::CommitSums(Layer& layer, ControlLimits limits, ControlLimits scan_limits) {
-  ForEachTouched(upright_, [&](int32_t tx, int32_t ty, int32_t* sums) {
-    if (kernel_.has_change(sums)) {
-      kernel_.commit(sums, limits, scan_limits, layer.EditTile({tx, ty}).control_points.data());
+  Collect(kernel_.log_odds, log_odds_);
+  ForEachTouched(log_odds_.upright, [&](TouchedTile<int32_t> tile) {
+    if (kernel_.has_change(tile.sums)) {
+      kernel_.commit(tile.sums, limits, scan_limits,
+                     layer.EditTile({tile.tx, tile.ty}).control_points.data());
     } else {
-      std::memset(sums, 0, kBytesOfSums);
+      std::memset(tile.sums, 0, Tile::kSide * SumBlock<int32_t>::kStride * sizeof(*tile.sums));
     }
   });
+  log_odds_.upright.Clear();
 }
 
 void ScanScratch::CommitDistances(Layer& layer, ControlLimits limits) {
   static const Tile kUntouched;
   Tile result;
-  Collect(occupied_upright_, occupied_transposed_);
-  ForEachTouched(upright_, [&](int32_t tx, int32_t ty, int32_t* weights) {
-    const Tile* tile = layer.tiles().Find({tx, ty});
-    if (kernel_.commit_distances(weights, FindSums(occupied_upright_, tx, ty), limits,
-                                 (tile == nullptr ? kUntouched : *tile).control_points.data(),
-                                 result.control_points.data())) {
-      layer.EditTile({tx, ty}) = result;
-    }
+  Collect(kernel_.free, free_);
+  Collect(kernel_.faces, faces_);
+  ForEachTouched(faces_.upright, [&](TouchedTile<FaceSum> tile) {
+    Touch(free_.upright, tile.tx, tile.ty, tile.groups);
   });
-  occupied_upright_.Clear();
+  ForEachTouched(free_.upright, [&](TouchedTile<uint16_t> tile) {
+    const TouchedTile<FaceSum> faces = Find(faces_.upright, tile.tx, tile.ty);
+    const Tile* from = layer.tiles().Find({tile.tx, tile.ty});
+    const bool is_changed = kernel_.commit_distances(
+        tile.sums, tile.groups, faces.sums, faces.groups, limits,
+        (from == nullptr ? kUntouched : *from).control_points.data(), result.control_points.data());
+    if (is_changed) layer.EditTile({tile.tx, tile.ty}) = result;
+  });
+  free_.upright.Clear();
+  faces_.upright.Clear();
 }
 
-void ScanScratch::Collect(SumPlane& upright, SumPlane& transposed) const {
-  MoveAprons(transposed);
-  ForEachTouched(transposed, [&](int32_t tx, int32_t ty, int32_t* sums) {
-    kernel_.move_transposed(sums, Touch(upright, ty, tx));
+template <typename Sum>
+void ScanScratch::Collect(const TileKernel<Sum>& kernel, Planes<Sum>& planes) {
+  MoveAprons(kernel, planes.transposed);
+  ForEachTouched(planes.transposed, [&](TouchedTile<Sum> tile) {
+    kernel.move_transposed(tile.sums, tile.groups, Touch(planes.upright, tile.ty, tile.tx));
   });
-  transposed.Clear();
-  MoveAprons(upright);
+  planes.transposed.Clear();
+  MoveAprons(kernel, planes.upright);
 }
 
-void ScanScratch::MoveAprons(SumPlane& plane) const {
-  ForEachTouched(plane, [&](int32_t tx, int32_t ty, int32_t* sums) {
-    if (kernel_.has_apron(sums)) kernel_.move_apron(sums, Touch(plane, tx + 1, ty));
+template <typename Sum>
+void ScanScratch::MoveAprons(const TileKernel<Sum>& kernel, SumPlane<Sum>& plane) {
+  ForEachTouchedApron(plane, [&](TouchedTile<Sum> tile) {
+    kernel.move_apron(tile.sums, tile.groups, Touch(plane, tile.tx, tile.ty, tile.groups));
   });
 }
 

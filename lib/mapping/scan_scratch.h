@@ -20,8 +20,9 @@ namespace splinemap {
 //
 // No overflow: one beam adds at most 7.2 log-odds to a control point (a hit 16/9 * kMaxKappaHit;
 // free samples, at least kMinFreeSampleSpacingKnots apart, 4/3 * 3.5 * |kMinKappaFree|), and
-// kMaxBeams of them stay within 32 bits. So do weights: a beam adds at most kMostFaceWeight times
-// the diagonal of a knot cell.
+// kMaxBeams of them stay within 32 bits. So do weights of faces: a beam adds at most
+// kMostFaceWeight times the diagonal of a knot cell. Weights of free space saturate at 182 knots of
+// beams, which only counts where a face is as near to the sensor as beams lie that close.
 class ScanScratch {
  public:
   explicit ScanScratch(const ScanKernel& kernel = FastestScanKernel()) : kernel_(kernel) {}
@@ -35,12 +36,14 @@ class ScanScratch {
   int32_t& At(int32_t i, int32_t j);
 
   void AddSamples(absl::Span<const PointSample> samples) {
-    kernel_.add_samples(samples.data(), samples.size(), upright_);
+    kernel_.add_samples(samples.data(), samples.size(), log_odds_.upright);
   }
-  void AddFreeLines(absl::Span<const PlacedBeam> beams, const FreeLineModel& model);
+  void AddFreeLines(absl::Span<const PlacedBeam> beams, const FreeLineModel& model,
+                    const FreeLineTable<int32_t>& table);
   // Beams with a face each, whose signed distances are committed.
   void AddFaceLines(absl::Span<const PlacedBeam> beams, absl::Span<const Face> faces,
-                    const FreeLineModel& model);
+                    double knots_per_m, const FreeLineTable<uint16_t>& free_table,
+                    const FaceLineTable& face_table);
 
   // Brings all sums into the layer as one commit, the results clamped to `limits` (36), and clears
   // the scratch.
@@ -52,20 +55,25 @@ class ScanScratch {
   void CommitTo(Layer& layer, ControlLimits limits, ControlLimits scan_limits = {});
 
  private:
+  // Sums by the axis that their beams are steep to.
+  template <typename Sum>
+  struct Planes {
+    SumPlane<Sum> upright;
+    SumPlane<Sum> transposed;  // x and y exchanged
+  };
+
   void CommitSums(Layer& layer, ControlLimits limits, ControlLimits scan_limits);
   void CommitDistances(Layer& layer, ControlLimits limits);
   // All to `upright`, without aprons.
-  void Collect(SumPlane& upright, SumPlane& transposed) const;
-  void MoveAprons(SumPlane& plane) const;
+  template <typename Sum>
+  static void Collect(const TileKernel<Sum>& kernel, Planes<Sum>& planes);
+  template <typename Sum>
+  static void MoveAprons(const TileKernel<Sum>& kernel, SumPlane<Sum>& plane);
 
   const ScanKernel& kernel_;
-  // Log-odds or weights.
-  SumPlane upright_;
-  SumPlane transposed_;  // x and y exchanged
-  // Of the weights, what says occupied.
-  SumPlane occupied_upright_;
-  SumPlane occupied_transposed_;
-  bool has_distances_ = false;
+  Planes<int32_t> log_odds_;
+  Planes<uint16_t> free_;
+  Planes<FaceSum> faces_;
 
   // Of the beams at hand; kept for their memory.
   std::vector<FreeLine> steep_lines_;

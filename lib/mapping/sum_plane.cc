@@ -2,23 +2,29 @@
 
 namespace splinemap {
 
-SumBlock* SumPlane::Add(int32_t tx, int32_t row) {
-  if (size_ == blocks_.size()) blocks_.push_back(std::make_unique<SumBlock>());
-  SumBlock* block = blocks_[size_++].get();
-  SumBlock*& bucket = buckets_[HashOf(tx, row)];
-  block->tx = tx;
+template <typename Sum>
+SumBlock<Sum>* SumPlane<Sum>::Add(int32_t column, int32_t row) {
+  if (size_ == blocks_.size()) blocks_.push_back(std::make_unique<Block>());
+  Block* block = blocks_[size_++].get();
+  Block*& bucket = buckets_[HashOf(column, row)];
+  block->column = column;
   block->row = row;
   block->next = bucket;
   bucket = block;
   return block;
 }
 
-void SumPlane::Clear() {
+template <typename Sum>
+void SumPlane<Sum>::Clear() {
   for (size_t n = 0; n < size_; ++n) {
-    buckets_[HashOf(blocks_[n]->tx, blocks_[n]->row)] = nullptr;
-    blocks_[n]->touched = 0;
+    buckets_[HashOf(blocks_[n]->column, blocks_[n]->row)] = nullptr;
+    for (uint32_t& groups : blocks_[n]->touched) groups = 0;
   }
   size_ = 0;
 }
+
+template class SumPlane<int32_t>;
+template class SumPlane<uint16_t>;
+template class SumPlane<FaceSum>;
 
 }  // namespace splinemap

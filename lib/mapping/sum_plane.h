@@ -9,47 +9,86 @@
 
 namespace splinemap {
 
-// Sums of one scan over the control points of 4 tiles, one above the other, row-major, and of an
-// apron of 8 columns that belong to the block next in x: so a row of 8 sums that begins in a block
-// never leaves it. Higher than wide since the beams of a plane are steep, and pay for every change
-// from block to block.
-struct alignas(64) SumBlock {
-  static constexpr int kTiles = 4;
-  static constexpr int kRows = kTiles * Tile::kSide;
-  static constexpr int kApron = 8;
-  static constexpr int kStride = Tile::kSide + kApron;
+// What the faces of a scan say of a control point.
+struct FaceSum {
+  int32_t weight = 0;
+  int32_t occupied = 0;  // the part of it that says so
+};
 
-  int32_t sums[kRows * kStride] = {};
-  uint32_t touched = 0;      // bit k: there may be sums in tile k, counted upwards, or its apron
-  int32_t tx = 0;            // of the tiles
-  int32_t row = 0;           // first tile is (tx, row * kTiles)
+// How blocks of sums lie in memory: the control points of kAcross x kUp tiles, row-major, and of an
+// apron of columns that belong to the block next in x: so a row of 8 sums that begins in a block
+// never leaves it. Lines pay for every change from block to block.
+template <typename Sum>
+struct SumLayout {
+  static constexpr int kAcrossBits = 0;
+  static constexpr int kApron = 8;
+};
+// Sums of 16 bits are small enough for wide blocks, whose rows begin with cache lines.
+template <>
+struct SumLayout<uint16_t> {
+  static constexpr int kAcrossBits = 2;
+  static constexpr int kApron = 32;
+};
+
+// Rows are marked as touched in groups, one bit for each.
+struct RowGroups {
+  static constexpr int kRows = 4;
+  static constexpr int kPerTile = Tile::kSide / kRows;
+  static constexpr uint32_t kWholeTile = (1u << kPerTile) - 1;
+};
+
+// Sums of one scan.
+template <typename Sum>
+struct alignas(64) SumBlock {
+  static constexpr int kAcrossBits = SumLayout<Sum>::kAcrossBits;
+  static constexpr int kAcross = 1 << kAcrossBits;
+  static constexpr int kUpBits = 2;
+  static constexpr int kUp = 1 << kUpBits;
+  static_assert(kUp * RowGroups::kPerTile == 32);
+  static constexpr int kRows = kUp * Tile::kSide;
+  static constexpr int kColumns = kAcross * Tile::kSide;
+  static constexpr int kStride = kColumns + SumLayout<Sum>::kApron;
+
+  // The sums of a tile of the block, kStride apart from row to row.
+  [[gnu::always_inline]] Sum* TileAt(int across, int up) {
+    return sums + up * Tile::kSide * kStride + across * Tile::kSide;
+  }
+
+  Sum sums[(kRows + 1) * kStride] = {};  // the last row is always 0
+  // By column of tiles, the apron last: the groups of rows that there may be sums in.
+  uint32_t touched[kAcross + 1] = {};
+  int32_t column = 0;  // first tile is (column * kAcross, row * kUp)
+  int32_t row = 0;
   SumBlock* next = nullptr;  // with the same hash
 };
 
-// The blocks that a scan touches. Keeps its memory from scan to scan; blocks out of use are zeros.
-// Thread-compatible.
+// The blocks that a scan touches, of sums that are int32_t, uint16_t, which saturate, or FaceSum.
+// Keeps its memory from scan to scan; blocks out of use are zeros. Thread-compatible.
+template <typename Sum>
 class SumPlane {
  public:
+  using Block = SumBlock<Sum>;
+
   SumPlane() : storage_(size_t{1} << (2 * kHashBits)), buckets_(storage_.data()) {}
   SumPlane(const SumPlane&) = delete;
   SumPlane& operator=(const SumPlane&) = delete;
 
   // Never null, valid until Clear(). Kernels for one instruction set must not leave copies of it
   // for the rest of the program, and so it is inlined always.
-  [[gnu::always_inline]] SumBlock* At(int32_t tx, int32_t row) {
-    SumBlock* block = Find(tx, row);
-    return block != nullptr ? block : Add(tx, row);
+  [[gnu::always_inline]] Block* At(int32_t column, int32_t row) {
+    Block* block = Find(column, row);
+    return block != nullptr ? block : Add(column, row);
   }
   // Null where there is none.
-  [[gnu::always_inline]] SumBlock* Find(int32_t tx, int32_t row) const {
-    SumBlock* block = buckets_[HashOf(tx, row)];
-    while (block != nullptr && (block->tx != tx || block->row != row)) block = block->next;
+  [[gnu::always_inline]] Block* Find(int32_t column, int32_t row) const {
+    Block* block = buckets_[HashOf(column, row)];
+    while (block != nullptr && (block->column != column || block->row != row)) block = block->next;
     return block;
   }
 
   // Blocks in use, in the order of first use.
   size_t size() const { return size_; }
-  SumBlock& block(size_t n) { return *blocks_[n]; }
+  Block& block(size_t n) { return *blocks_[n]; }
 
   // Requires that all sums are 0.
   void Clear();
@@ -57,16 +96,16 @@ class SumPlane {
  private:
   // Neighbours never meet in a bucket, and hardly anything else of one scan does.
   static constexpr int kHashBits = 7;
-  [[gnu::always_inline]] static size_t HashOf(int32_t tx, int32_t row) {
+  [[gnu::always_inline]] static size_t HashOf(int32_t column, int32_t row) {
     constexpr uint32_t kMask = (1 << kHashBits) - 1;
     return ((static_cast<uint32_t>(row) & kMask) << kHashBits) |
-           (static_cast<uint32_t>(tx) & kMask);
+           (static_cast<uint32_t>(column) & kMask);
   }
-  SumBlock* Add(int32_t tx, int32_t row);
+  Block* Add(int32_t column, int32_t row);
 
-  std::vector<SumBlock*> storage_;
-  SumBlock** buckets_;
-  std::vector<std::unique_ptr<SumBlock>> blocks_;  // the first size_ are in use
+  std::vector<Block*> storage_;
+  Block** buckets_;
+  std::vector<std::unique_ptr<Block>> blocks_;  // the first size_ are in use
   size_t size_ = 0;
 };
 

@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstddef>
+#include <cstring>
 #include <numbers>
 
 namespace splinemap::faces_test {
@@ -57,6 +59,27 @@ TEST(FacesTest, FacesEndWhereTheRangeJumps) {
   for (int deg = 0; deg < 20; ++deg)
     beams.push_back(Beam(deg, (deg < 10 ? 1 : 2) * RangeOfWall(deg)));
   for (const Face& face : Find(beams)) EXPECT_NEAR(face.normal[0], 1, 1e-6);
+}
+
+TEST(FacesTest, EveryKernelFindsTheFacesOfThePlainOne) {
+  std::vector<PlacedBeam> beams;
+  for (int deg = 0; deg < 203; ++deg) {
+    beams.push_back(Beam(deg, 1 + 0.1 * (deg * deg % 7) * (deg % 40 / 20)));
+    beams.back().hit = deg % 17 != 0;
+  }
+  FaceFinder plain(kKnotsPerM, ScanKernels().front());
+  for (size_t count = 0; count <= beams.size(); count += count < 12 ? 1 : 191) {
+    const absl::Span<const PlacedBeam> some(beams.data(), count);
+    const absl::Span<const Face> expected = plain.Find(some);
+    for (const ScanKernel& kernel : ScanKernels()) {
+      FaceFinder finder(kKnotsPerM, kernel);
+      const absl::Span<const Face> faces = finder.Find(some);
+      for (size_t k = 0; k < count; ++k) {
+        EXPECT_EQ(std::memcmp(&faces[k], &expected[k], offsetof(Face, weight)), 0) << kernel.name;
+        EXPECT_EQ(faces[k].weight, expected[k].weight) << kernel.name;
+      }
+    }
+  }
 }
 
 TEST(FacesTest, OneBeamAndNoneAreAllRight) {
