@@ -18,12 +18,15 @@ Raster RenderMap(const MapView& map, const PixelGrid& grid) {
   Raster raster;
   raster.grid = grid;
   raster.pixels.reserve(size_t{1} * grid.width * grid.height);
+  std::vector<Eigen::Vector2d> points_m(grid.width);
+  std::vector<SurfaceSample> samples(grid.width);
   for (int row = 0; row < grid.height; ++row) {
     const double y_m = grid.CentreY(row);
-    for (int column = 0; column < grid.width; ++column) {
-      const SurfaceSample sample = map.Evaluate(grid.CentreX(column), y_m);
+    for (int column = 0; column < grid.width; ++column)
+      points_m[column] = {grid.CentreX(column), y_m};
+    map.EvaluateMany(points_m, absl::MakeSpan(samples));
+    for (const SurfaceSample& sample : samples)
       raster.pixels.push_back(sample.known ? KnownPixel(sample.log_odds) : Raster::kUnknown);
-    }
   }
   return raster;
 }

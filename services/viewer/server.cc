@@ -2,18 +2,22 @@
 
 #include <unistd.h>
 
+#include <array>
 #include <boost/asio/co_spawn.hpp>
 #include <boost/asio/detached.hpp>
+#include <boost/asio/generic/stream_protocol.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/local/connect_pair.hpp>
+#include <boost/asio/local/stream_protocol.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/ssl/context.hpp>
+#include <boost/asio/ssl/stream.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <boost/asio/write.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/core/tcp_stream.hpp>
 #include <boost/beast/http.hpp>
-#include <boost/beast/ssl/ssl_stream.hpp>
 #include <boost/beast/websocket.hpp>
-#include <boost/beast/websocket/ssl.hpp>
 #include <optional>
 #include <type_traits>
 #include <utility>  // before Boost 1.74, which lacks it
@@ -35,7 +39,9 @@ using asio::ip::tcp;
 using boost::system::error_code;
 using Request = http::request<http::string_body>;
 using Response = http::response<http::string_body>;
-using TlsStream = beast::ssl_stream<beast::tcp_stream>;
+// Of TCP, or of the pair behind TLS: one kind of stream takes half as long to compile.
+using Stream = beast::basic_stream<asio::generic::stream_protocol>;
+using WebSocket = websocket::stream<Stream>;
 
 constexpr std::chrono::seconds kRequestTimeout(10);  // for all of a request, and idle between two
 constexpr std::chrono::seconds kResponseTimeout(60);
@@ -49,8 +55,32 @@ constexpr const char* kContentPolicy =
 
 std::string_view ToStd(beast::string_view text) { return {text.data(), text.size()}; }
 
-beast::tcp_stream& TcpOf(beast::tcp_stream& stream) { return stream; }
-beast::tcp_stream& TcpOf(TlsStream& stream) { return stream.next_layer(); }
+// A connection with TLS and, in the clear, the end of a pair whose other end is served.
+struct TlsLink {
+  asio::ssl::stream<beast::tcp_stream> tls;
+  asio::local::stream_protocol::socket clear;
+
+  void Close() {
+    tls.next_layer().close();
+    error_code ignored;
+    clear.close(ignored);
+  }
+};
+
+// Moves bytes until one side ends; then both do.
+template <typename From, typename To>
+awaitable<void> Pump(std::shared_ptr<TlsLink> link, From& from, To& to) {
+  std::array<char, 16 << 10> bytes;
+  error_code error;
+  while (!error) {
+    const size_t size = co_await from.async_read_some(asio::buffer(bytes), Into(error));
+    if (error) break;
+    if constexpr (std::is_same_v<To, decltype(link->tls)>)
+      link->tls.next_layer().expires_after(kResponseTimeout);
+    co_await asio::async_write(to, asio::buffer(bytes, size), Into(error));
+  }
+  link->Close();
+}
 
 const PageFile* FindPageFile(const std::string& path) {
   for (const PageFile& file : PageFiles()) {
@@ -161,25 +191,39 @@ class BeastServer : public Server {
     error_code error;
     socket.set_option(tcp::no_delay(true), error);
     if (IsSecure()) {
-      TlsStream stream(std::move(socket), tls_);
-      TcpOf(stream).expires_after(kRequestTimeout);
-      co_await stream.async_handshake(asio::ssl::stream_base::server, Into(error));
-      if (!error) co_await ServeRequests(stream);
+      co_await ServeTls(std::move(socket));
     } else {
-      beast::tcp_stream stream(std::move(socket));
+      Stream stream{asio::generic::stream_protocol::socket(std::move(socket))};
       co_await ServeRequests(stream);
     }
     viewer_.metrics().connections.Set(--connections_);
   }
 
-  template <typename Stream>
+  awaitable<void> ServeTls(tcp::socket socket) {
+    using Local = asio::local::stream_protocol;
+    const auto link = std::make_shared<TlsLink>(
+        TlsLink{{beast::tcp_stream(std::move(socket)), tls_}, Local::socket(io_)});
+    error_code error;
+    link->tls.next_layer().expires_after(kRequestTimeout);
+    co_await link->tls.async_handshake(asio::ssl::stream_base::server, Into(error));
+    if (error) co_return;
+    Local::socket served(io_);
+    asio::local::connect_pair(link->clear, served, error);
+    if (error) co_return;
+    link->tls.next_layer().expires_never();  // those of the pair count
+    asio::co_spawn(io_, Pump(link, link->tls, link->clear), asio::detached);
+    asio::co_spawn(io_, Pump(link, link->clear, link->tls), asio::detached);
+    Stream stream{asio::generic::stream_protocol::socket(std::move(served))};
+    co_await ServeRequests(stream);
+  }
+
   awaitable<void> ServeRequests(Stream& stream) {
     beast::flat_buffer buffer(kMaxHeaderBytes + kMaxBodyBytes);
     for (bool goes_on = true; goes_on;) {
       http::request_parser<http::string_body> parser;
       parser.header_limit(kMaxHeaderBytes);
       parser.body_limit(kMaxBodyBytes);
-      TcpOf(stream).expires_after(kRequestTimeout);
+      stream.expires_after(kRequestTimeout);
       error_code error;
       co_await http::async_read(stream, buffer, parser, Into(error));
       if (error == http::error::end_of_stream || error == beast::error::timeout) co_return;
@@ -204,12 +248,12 @@ class BeastServer : public Server {
       Response response = ResponseOf(std::move(answer));
       response.keep_alive(!error && request.keep_alive());
       goes_on = response.keep_alive();
-      TcpOf(stream).expires_after(kResponseTimeout);
+      stream.expires_after(kResponseTimeout);
       co_await http::async_write(stream, response, Into(error));
       if (error) co_return;
     }
     error_code ignored;
-    TcpOf(stream).socket().shutdown(tcp::socket::shutdown_send, ignored);
+    stream.socket().shutdown(asio::socket_base::shutdown_send, ignored);
   }
 
   absl::Status CheckAccess(const Request& request) const {
@@ -274,11 +318,10 @@ class BeastServer : public Server {
     return response;
   }
 
-  template <typename Stream>
   awaitable<void> ServeBrowser(Stream& stream, const Request& request) {
     // The WebSocket has timeouts of its own.
-    TcpOf(stream).expires_never();
-    auto socket = std::make_shared<websocket::stream<Stream>>(std::move(stream));
+    stream.expires_never();
+    auto socket = std::make_shared<WebSocket>(std::move(stream));
     socket->set_option(websocket::stream_base::timeout::suggested(beast::role_type::server));
     socket->read_message_max(kMaxMessageBytes);
     socket->binary(true);
@@ -310,8 +353,7 @@ class BeastServer : public Server {
     }
   }
 
-  template <typename Stream>
-  awaitable<void> SendFrames(std::shared_ptr<websocket::stream<Stream>> socket,
+  awaitable<void> SendFrames(std::shared_ptr<WebSocket> socket,
                              std::shared_ptr<Viewer::Browser> browser) {
     error_code error;
     while (!browser->is_gone && !error) {

@@ -5,6 +5,8 @@ import { LiveState } from "./live_state";
 import { Tools, lengthOf } from "./tools";
 import { kDaemonSilent_s, metres } from "./words";
 
+const kMaxTrailStep_m = 3; // a replay that jumps, or poses that were not seen
+
 export type Shown = Record<"robots" | "trails" | "scans" | "paths", boolean>;
 
 interface Inks {
@@ -92,12 +94,15 @@ export class Overlay {
     return this.camera.toPixel(x_m, y_m);
   }
 
-  private trace(points_m: number[]): void {
+  // Steps longer than `max_step_m` are gaps.
+  private trace(points_m: number[], max_step_m = Infinity): void {
     const { context } = this;
     context.beginPath();
     for (let k = 0; k + 1 < points_m.length; k += 2) {
       const { x_px, y_px } = this.camera.toPixel(points_m[k]!, points_m[k + 1]!);
-      if (k === 0) context.moveTo(x_px, y_px);
+      const step_m =
+        k === 0 ? Infinity : Math.hypot(points_m[k]! - points_m[k - 2]!, points_m[k + 1]! - points_m[k - 1]!);
+      if (k === 0 || step_m > max_step_m) context.moveTo(x_px, y_px);
       else context.lineTo(x_px, y_px);
     }
   }
@@ -116,7 +121,7 @@ export class Overlay {
 
   private drawTrails(live: LiveState): void {
     for (const { channel, points_m } of live.trails.values()) {
-      this.trace(points_m);
+      this.trace(points_m, kMaxTrailStep_m);
       this.stroke(css(this.channelColour(live, channel), 0.55), 1.75);
     }
   }
