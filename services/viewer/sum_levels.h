@@ -21,7 +21,7 @@ class SumLevels {
 
   // The finest level whose knot interval is a pixel or more. Its control points stand for squares
   // of finer ones, so what it shows lies (2^level - 1) / 2 knot intervals of the map to the lower
-  // left: Offset_m().
+  // left: offset_m.
   struct Shown {
     MapView map;
     double offset_m = 0;

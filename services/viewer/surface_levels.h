@@ -2,10 +2,9 @@
 
 #include <array>
 #include <cstdint>
-#include <optional>
 
 #include "absl/container/flat_hash_map.h"
-#include "lib/layers/layer_pyramid.h"
+#include "absl/container/flat_hash_set.h"
 #include "splinemap/layer_settings.h"
 #include "splinemap/level_of_detail.h"
 #include "splinemap/region.h"
@@ -13,8 +12,10 @@
 
 namespace splinemap {
 
-// A layer, or the sum of all, at every level of detail, and when each of its tiles changed. From
-// level 1 on the greatest log-odds of the squares, so that walls do not vanish. Thread-compatible.
+// A layer, or the sum of all, at every level of detail, and when each of its tiles changed. Control
+// points of levels 1 and 2 are the greatest of the 2 x 2 below them, so that walls do not vanish;
+// from there on the mean of the probabilities of those that are known, so that not all is wall from
+// far. Thread-compatible.
 class SurfaceLevels {
  public:
   struct Change {
@@ -39,20 +40,26 @@ class SurfaceLevels {
 
  private:
   struct Level {
+    TileTreeEditor editor;  // not of level 0
     TileTree tiles;
     absl::flat_hash_map<TileKey, Change> changes;
     uint64_t newest_change = 0;
+    absl::flat_hash_set<TileKey> waiting;  // to be made of the level below
   };
 
-  void Take(Level& level, const TileTree& tiles, int64_t utime_ms);
+  void SetFinest(const TileTree& tiles, int64_t utime_ms);
+  void MakeWaiting(int number, int64_t utime_ms, size_t& max_tiles);
+  void SetChanged(int number, TileKey key, int64_t utime_ms);
 
   std::array<Level, LevelOfDetail::kMaxLevel + 1> levels_;
-  std::optional<LayerPyramid> pyramid_;
-  uint64_t pyramid_lineage_ = 0;
-  uint64_t revision_ = 0;  // counts trees, for the pyramid
   uint64_t last_change_ = 0;
+  bool is_first_ = true;
   TileBox box_;
   KnotShift shift_;
 };
+
+// Tile `key` of a level above that of `finer`, of the mean probabilities of squares of 2 x 2
+// control points, of those that were touched; all zeros where none was.
+Tile MeanTile(const TileTree& finer, TileKey key);
 
 }  // namespace splinemap

@@ -132,8 +132,8 @@ function daemonFigures(daemon: Daemon): string {
   const mapped = daemon.scans_mapped.toLocaleString("en");
   const received = words.countOf(daemon.scans_received, "scan");
   const scans = daemon.scans_received > 0 ? `${mapped} of ${received} mapped` : "No scans";
-  const isSaved = daemon.saved_revision >= daemon.revision;
-  return `${scans} · ${isSaved ? "saved" : "not yet saved"}`;
+  const unsaved = daemon.revision - daemon.saved_revision;
+  return `${scans} · ${unsaved > 0 ? `${unsaved.toLocaleString("en")} not yet saved` : "saved"}`;
 }
 
 function daemonDrops(daemon: Daemon): string {
