@@ -239,8 +239,8 @@ class Viewer {
 
   private resize(): void {
     const { width, height } = byId("stage").getBoundingClientRect();
-    this.camera.width_px = Math.max(width, 1);
-    this.camera.height_px = Math.max(height, 1);
+    this.camera.width_px = wholePixels(width);
+    this.camera.height_px = wholePixels(height);
     if (this.follows) this.fit();
     this.moved();
   }
@@ -464,6 +464,11 @@ class Viewer {
       },
     };
   }
+}
+
+// A side of the canvas as it is drawn: in whole pixels of the screen.
+function wholePixels(side_px: number): number {
+  return Math.max(Math.round(side_px * devicePixelRatio), 1) / devicePixelRatio;
 }
 
 try {
