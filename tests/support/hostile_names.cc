@@ -1,5 +1,5 @@
-// hostile_names bus | log FILE | map FILE VALUE: escape codes, line ends and bytes that are no
-// UTF-8 in every text that splinemap takes. Publishes them, as daemons and robots would, and
+// hostile_names bus | log FILE | map FILE VALUE: escape codes, line ends, bytes that are no UTF-8
+// and markup in every text that splinemap takes. Publishes them, as daemons and robots would, and
 // answers who asks; or writes a log whose channels, or a map of one value whose layers have such
 // names.
 #include <fmt/format.h>
@@ -28,8 +28,12 @@
 namespace splinemap {
 namespace {
 
+constexpr const char* kMarkup = "<img src=//hostile onerror=alert(1)>";
+
 // Marked by X, which says where it came out.
-std::string Hostile(const std::string& x) { return x + "\x1b[2J\n\r\x9b\x07\xff\xc2\x9b" + x; }
+std::string Hostile(const std::string& x) {
+  return x + "\x1b[2J\n\r\x9b\x07\xff\xc2\x9b" + x + kMarkup;
+}
 
 status_t Status() {
   status_t status{};
@@ -106,7 +110,7 @@ absl::Status Shout() {
     bus->Publish("SPLINEMAP_DIGESTS", Digest("Xtwice", 3, 0.05));
     bus->Publish("SPLINEMAP_DIGESTS", Digest("Xtwice", 4, 0.05));
     // liblcm subscribes to no channel with an end of line, or no UTF-8, in its name.
-    bus->Publish("Xchannel\x1b[2J\x07", PoseMessage({}));
+    bus->Publish(std::string("Xchannel\x1b[2J\x07Xchannel") + kMarkup, PoseMessage({}));
     const uint8_t wrong_type[16] = {1};
     for (const char* channel : {"LASER", "POSE"}) bus->PublishBytes(channel, wrong_type);
   }
