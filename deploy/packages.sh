@@ -12,8 +12,10 @@ DEMO_PACKAGES=(jq iproute2)
 TEST_PACKAGES=(
   libgtest-dev jq iproute2 nftables sqlite3 python3 libompl-dev curl
   default-jdk liblcm-java libjchart2d-java libxmlgraphics-commons-java libjide-oss-java
-  xvfb xdotool
+  xvfb xdotool chromium nodejs openssl
 )
+# Node.js of others than Debian brings npm along, and conflicts with the package.
+command -v npm > /dev/null || TEST_PACKAGES+=(npm)
 FUZZ_PACKAGES=(clang libclang-rt-14-dev)
 BENCH_PACKAGES=(
   libbenchmark-dev libmrpt-maps-dev liboctomap-dev libdynamicedt3d-dev libopencv-imgproc-dev
