@@ -21,7 +21,8 @@ absl::StatusOr<ViewRequest> RequestOf(const json& view) {
   ViewRequest request;
   request.region = {view.at("x0_m").get<double>(), view.at("y0_m").get<double>(),
                     view.at("x1_m").get<double>(), view.at("y1_m").get<double>()};
-  request.level = view.at("level").get<int>();
+  if (!view.at("level").is_number_integer()) return InvalidArgument("a level is a whole number");
+  request.level = static_cast<int>(std::clamp<int64_t>(view["level"].get<int64_t>(), -1, 100));
   request.surfaces = view.at("surfaces").get<std::vector<std::string>>();
   const Region& region = request.region;
   for (const double side : {region.x0_m, region.y0_m, region.x1_m, region.y1_m}) {
@@ -58,6 +59,7 @@ absl::Status BrowserView::Handle(std::string_view message) {
   if (!parsed.is_object()) return InvalidArgument("a message that is no JSON object");
   try {
     if (parsed.contains("ack")) {
+      if (!parsed["ack"].is_number_integer()) return InvalidArgument("ack is no number of a frame");
       const auto frame = parsed["ack"].get<int64_t>();
       if (frame > acknowledged_ && frame <= frame_) acknowledged_ = frame;
     }

@@ -112,7 +112,13 @@ absl::Status Run(const Flags& flags) {
   boost::asio::signal_set signals(io, SIGINT, SIGTERM);
   signals.async_wait([&](const boost::system::error_code&, int) { io.stop(); });
   fmt::print(stderr, "The map is at {} (Ctrl-C ends)\n", server->url());
-  io.run();
+  while (!io.stopped()) {
+    try {
+      io.run();
+    } catch (const std::exception& error) {  // of one connection: the memory is full, say
+      fmt::print(stderr, "a connection was lost: {}\n", PlainText(error.what()));
+    }
+  }
   return absl::OkStatus();
 }
 

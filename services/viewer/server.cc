@@ -57,28 +57,36 @@ std::string_view ToStd(beast::string_view text) { return {text.data(), text.size
 
 // A connection with TLS and, in the clear, the end of a pair whose other end is served.
 struct TlsLink {
-  asio::ssl::stream<beast::tcp_stream> tls;
+  asio::ssl::stream<tcp::socket> tls;
   asio::local::stream_protocol::socket clear;
 
   void Close() {
-    tls.next_layer().close();
     error_code ignored;
+    tls.next_layer().close(ignored);
     clear.close(ignored);
   }
 };
 
-// Moves bytes until one side ends; then both do.
+// Moves bytes until `from` or `to` ends.
 template <typename From, typename To>
-awaitable<void> Pump(std::shared_ptr<TlsLink> link, From& from, To& to) {
+awaitable<void> Pump(From& from, To& to) {
   std::array<char, 16 << 10> bytes;
   error_code error;
   while (!error) {
     const size_t size = co_await from.async_read_some(asio::buffer(bytes), Into(error));
-    if (error) break;
-    if constexpr (std::is_same_v<To, decltype(link->tls)>)
-      link->tls.next_layer().expires_after(kResponseTimeout);
-    co_await asio::async_write(to, asio::buffer(bytes, size), Into(error));
+    if (!error) co_await asio::async_write(to, asio::buffer(bytes, size), Into(error));
   }
+}
+
+// What a client sends; it may end that and wait for the answer.
+awaitable<void> PumpIn(std::shared_ptr<TlsLink> link) {
+  co_await Pump(link->tls, link->clear);
+  error_code ignored;
+  link->clear.shutdown(asio::socket_base::shutdown_send, ignored);
+}
+
+awaitable<void> PumpOut(std::shared_ptr<TlsLink> link) {
+  co_await Pump(link->clear, link->tls);
   link->Close();
 }
 
@@ -167,6 +175,7 @@ class BeastServer : public Server {
   }
 
  private:
+  long CountConnections() const { return connections_.use_count() - 1; }
   bool IsSecure() const { return !options_.certificate_path.empty(); }
 
   awaitable<void> Accept() {
@@ -178,7 +187,7 @@ class BeastServer : public Server {
         co_await pause.async_wait(Into(error));
         continue;
       }
-      if (connections_ >= kMaxConnections) {
+      if (CountConnections() >= kMaxConnections) {
         viewer_.metrics().refused.Increment();
         continue;  // closes it
       }
@@ -187,7 +196,8 @@ class BeastServer : public Server {
   }
 
   awaitable<void> Serve(tcp::socket socket) {
-    viewer_.metrics().connections.Set(++connections_);
+    const std::shared_ptr<void> counted = connections_;
+    viewer_.metrics().connections.Set(static_cast<double>(CountConnections()));
     error_code error;
     socket.set_option(tcp::no_delay(true), error);
     if (IsSecure()) {
@@ -196,25 +206,34 @@ class BeastServer : public Server {
       Stream stream{asio::generic::stream_protocol::socket(std::move(socket))};
       co_await ServeRequests(stream);
     }
-    viewer_.metrics().connections.Set(--connections_);
   }
 
   awaitable<void> ServeTls(tcp::socket socket) {
     using Local = asio::local::stream_protocol;
-    const auto link = std::make_shared<TlsLink>(
-        TlsLink{{beast::tcp_stream(std::move(socket)), tls_}, Local::socket(io_)});
+    const auto link =
+        std::make_shared<TlsLink>(TlsLink{{std::move(socket), tls_}, Local::socket(io_)});
+    // Ends the handshake, and what nobody reads at the end.
+    asio::steady_timer too_late(io_, kRequestTimeout);
+    const auto close = [link](const error_code& cancelled) {
+      if (!cancelled) link->Close();
+    };
+    too_late.async_wait(close);
     error_code error;
-    link->tls.next_layer().expires_after(kRequestTimeout);
     co_await link->tls.async_handshake(asio::ssl::stream_base::server, Into(error));
+    too_late.cancel();
     if (error) co_return;
     Local::socket served(io_);
     asio::local::connect_pair(link->clear, served, error);
     if (error) co_return;
-    link->tls.next_layer().expires_never();  // those of the pair count
-    asio::co_spawn(io_, Pump(link, link->tls, link->clear), asio::detached);
-    asio::co_spawn(io_, Pump(link, link->clear, link->tls), asio::detached);
-    Stream stream{asio::generic::stream_protocol::socket(std::move(served))};
-    co_await ServeRequests(stream);
+    asio::co_spawn(io_, PumpIn(link), asio::detached);
+    asio::co_spawn(io_, PumpOut(link), asio::detached);
+    {
+      Stream stream{asio::generic::stream_protocol::socket(std::move(served))};
+      co_await ServeRequests(stream);
+    }
+    too_late.expires_after(kRequestTimeout);
+    too_late.async_wait(close);
+    co_await too_late.async_wait(Into(error));
   }
 
   awaitable<void> ServeRequests(Stream& stream) {
@@ -374,7 +393,8 @@ class BeastServer : public Server {
   const ServerOptions options_;
   Viewer& viewer_;
   Access access_;
-  int connections_ = 0;
+  // Held by every connection, even by one that ends with an exception.
+  const std::shared_ptr<void> connections_ = std::make_shared<int>();
   asio::thread_pool workers_{kWorkers};
 };
 

@@ -17,7 +17,7 @@ std::string Dump(const json& value) {
   return value.dump(-1, ' ', false, json::error_handler_t::replace);
 }
 
-// Whole tenths: what ages does not make news at every frame.
+// Whole ones: what ages does not make news at every frame.
 double SecondsSince(Clock::time_point time) {
   return std::floor(std::chrono::duration<double>(Clock::now() - time).count());
 }
@@ -126,7 +126,8 @@ std::string DaemonsJson(const BusState& bus) {
     json problems = json::array();
     for (size_t k = 0; k < status.problems.size(); ++k)
       problems.push_back({{"name", status.problems[k]}, {"count", status.problem_counts[k]}});
-    rows.push_back({{"name", status.name},
+    rows.push_back({{"key", fmt::format("{:016x}", static_cast<uint64_t>(nonce))},
+                    {"name", status.name},
                     {"version", status.version},
                     {"uptime_s", NumberOrNull(status.uptime_s)},
                     {"scans_received", status.scans_received},

@@ -230,6 +230,10 @@ absl::Status Viewer::Mute(const std::string& body) {
     const auto session = static_cast<uint64_t>(heard.value.status.session_number);
     return client->Set({command, id, session}, std::chrono::seconds(5));
   }
+  for (const LayerSnapshot& layer : map_->Layers().layers) {
+    if (KeyOf(layer.id) == key.get<std::string>())
+      return Unavailable("no daemon has said yet that it has the layer; try again in a second");
+  }
   return NotFound("no daemon has the layer {}", key.get<std::string>());
 }
 

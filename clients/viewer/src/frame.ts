@@ -50,6 +50,7 @@ export interface Count {
 }
 
 export interface Daemon {
+  key: string;
   name: string;
   version: string;
   uptime_s: number;

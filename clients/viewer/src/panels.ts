@@ -30,7 +30,7 @@ export class Panels {
     const { live } = this;
     this.layers.show(live.layers, (layer) => layer.key);
     this.robots.show(live.poses, (pose) => pose.channel);
-    this.daemons.show(live.daemons, (daemon) => `${daemon.name} ${daemon.version}`);
+    this.daemons.show(live.daemons, (daemon) => daemon.key);
     showNotes(
       byId("refused"),
       (live.map?.refused ?? []).map((why) => `Not followed: ${why}`),

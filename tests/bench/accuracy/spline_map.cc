@@ -14,7 +14,7 @@ class SplineMap : public TestedMap {
   SplineMap(const Variant& variant, double knot_interval_m)
       : TestedMap(variant.limits.max / double{kUnitsPerLogOdds}),
         scan_limits_(variant.scan_limits),
-        at_face_(variant.LogOddsAtFace()),
+        is_distance_(variant.beams.update == BeamUpdate::kSignedDistance),
         model_(variant.beams, knot_interval_m),
         map_({knot_interval_m, variant.limits}),
         layer_(map_.AddLayer({"robot", 1}, {1, 1})) {}
@@ -28,12 +28,13 @@ class SplineMap : public TestedMap {
   double LogOdds(const Eigen::Vector2d& point_m) override {
     if (view_ == nullptr) view_ = map_.View();
     const SurfaceSample sample = view_->Evaluate(point_m.x(), point_m.y());
-    return sample.known ? sample.log_odds + at_face_ : 0;
+    if (!sample.known) return 0;
+    return is_distance_ ? Variant::LogOddsOfHit(sample.log_odds) : sample.log_odds;
   }
 
   // A signed distance has no clamp that its values get to.
   double Scaled(const Eigen::Vector2d& point_m) override {
-    return at_face_ > 0 ? 2 * Probability(LogOdds(point_m)) - 1 : TestedMap::Scaled(point_m);
+    return is_distance_ ? 2 * Probability(LogOdds(point_m)) - 1 : TestedMap::Scaled(point_m);
   }
 
   int64_t Bytes() const override {
@@ -42,7 +43,7 @@ class SplineMap : public TestedMap {
 
  private:
   ControlLimits scan_limits_;
-  double at_face_;
+  bool is_distance_;
   BeamModel model_;
   ScanScratch scratch_;
   MapWriter map_;
@@ -122,15 +123,15 @@ std::vector<Variant> Variants() {
   };
 }
 
-double Variant::LogOddsAtFace() const {
-  return beams.update == BeamUpdate::kSignedDistance ? 5 : 0;
+double Variant::LevelOfFaces() const {
+  return beams.update == BeamUpdate::kSignedDistance ? LogOddsOfHit(0) : 0;
 }
 
 Method SplineMethod(const Variant& variant) {
   return {
       "spline " + variant.name,
       [variant](double resolution_m) { return std::make_unique<SplineMap>(variant, resolution_m); },
-      variant.no_return_is_free, variant.LogOddsAtFace()};
+      variant.no_return_is_free, variant.LevelOfFaces()};
 }
 
 Method PaperSplineMethod() {
