@@ -1,6 +1,9 @@
 #pragma once
 
 #include <cstdint>
+#ifdef __AVX__
+#include <immintrin.h>
+#endif
 
 namespace splinemap {
 
@@ -14,9 +17,13 @@ typedef int32_t Integers4 __attribute__((vector_size(16)));
 
 // The greatest integers that are not greater, which 32 bits must be able to hold.
 [[gnu::always_inline]] inline Doubles4 Floor(Doubles4 x) {
+#ifdef __AVX__
+  return reinterpret_cast<Doubles4>(_mm256_floor_pd(reinterpret_cast<__m256d>(x)));
+#else
   const Doubles4 towards_zero =
       __builtin_convertvector(__builtin_convertvector(x, Integers4), Doubles4);
   return towards_zero - (towards_zero > x ? Doubles4{} + 1 : Doubles4{});
+#endif
 }
 
 }  // namespace splinemap

@@ -76,7 +76,6 @@ struct Face {
 // The part of a beam around its hit: a line, and how the share of what is occupied grows over it.
 struct FaceLine {
   FreeLine line;
-  int32_t weight = 0;
   // In 1 / kWholeShare: in the first row at the first control point; per control point; per row.
   float share = 0;
   float share_per_column = 0;
@@ -85,6 +84,7 @@ struct FaceLine {
   // that falls to 0.
   float part = 0;
   float part_per_row = 0;
+  int32_t weight = 0;
 };
 
 // The signed distance of a control point to a face, in front of it negative, as a share of

@@ -212,6 +212,17 @@ Doubles4 SquareRoot(Doubles4 x) {
   r[3] = __builtin_shufflevector(high01, high23, 2, 3, 6, 7);
 }
 
+[[gnu::always_inline]] inline void Transpose(Integers4 (&r)[4]) {
+  const Integers4 low01 = __builtin_shufflevector(r[0], r[1], 0, 4, 1, 5);
+  const Integers4 high01 = __builtin_shufflevector(r[0], r[1], 2, 6, 3, 7);
+  const Integers4 low23 = __builtin_shufflevector(r[2], r[3], 0, 4, 1, 5);
+  const Integers4 high23 = __builtin_shufflevector(r[2], r[3], 2, 6, 3, 7);
+  r[0] = __builtin_shufflevector(low01, low23, 0, 1, 4, 5);
+  r[1] = __builtin_shufflevector(low01, low23, 2, 3, 6, 7);
+  r[2] = __builtin_shufflevector(high01, high23, 0, 1, 4, 5);
+  r[3] = __builtin_shufflevector(high01, high23, 2, 3, 6, 7);
+}
+
 // Four beams.
 struct PlacedFour {
   Doubles4 x;  // in knots
@@ -358,13 +369,11 @@ struct FourBeams {
           is_steep ? dy : dx, is_steep ? dx : dy, range};
 }
 
-// Which columns the lines of four beams have in their first rows.
+// The lines of four beams.
 struct FourLines {
   Doubles4 cell;  // of the first control point touched
-  Integers4 fraction;
-  Integers4 columns_per_row;
-  Integers4 slope;  // of the table
-  Integers4 first_row;
+  Longs4 column;
+  Integers4 of_line[4];  // what follows in a FreeLine, by line
   Integers4 rows;
 };
 
@@ -379,21 +388,25 @@ struct FourLines {
   const Doubles4 column =
       beams.across + (first_row - beams.along) * slope + (first_column + kHalfPhase);
   const Doubles4 cell = Floor(column);
-  return {cell,
-          __builtin_convertvector(Floor((column - cell) * kOne + 0.5), Integers4),
-          __builtin_convertvector(Floor(slope * kOne + 0.5), Integers4),
-          __builtin_convertvector(slope_index, Integers4) + Table::kSlopesPerOne,
-          __builtin_convertvector(first_row, Integers4),
-          __builtin_convertvector(last_row - first_row, Integers4) + 1};
+  const auto fraction = __builtin_convertvector(Floor((column - cell) * kOne + 0.5), Integers4);
+  FourLines lines;
+  lines.cell = cell;
+  lines.column = (__builtin_convertvector(__builtin_convertvector(cell, Integers4), Longs4)
+                  << FreeLine::kFractionBits) +
+                 __builtin_convertvector(fraction, Longs4);
+  lines.rows = __builtin_convertvector(last_row - first_row, Integers4) + 1;
+  lines.of_line[0] = __builtin_convertvector(Floor(slope * kOne + 0.5), Integers4);
+  lines.of_line[1] = __builtin_convertvector(first_row, Integers4);
+  lines.of_line[2] = lines.rows;
+  lines.of_line[3] = __builtin_convertvector(slope_index, Integers4) + Table::kSlopesPerOne;
+  Transpose(lines.of_line);
+  return lines;
 }
 
 [[gnu::always_inline]] inline void StoreLine(const FourLines& lines, int k, FreeLine& line) {
-  line.column =
-      (static_cast<int64_t>(lines.cell[k]) << FreeLine::kFractionBits) + lines.fraction[k];
-  line.columns_per_row = lines.columns_per_row[k];
-  line.first_row = lines.first_row[k];
-  line.rows = lines.rows[k];
-  line.slope = lines.slope[k];
+  static_assert(offsetof(FreeLine, slope) == offsetof(FreeLine, columns_per_row) + 12);
+  line.column = lines.column[k];
+  Store(lines.of_line[k], &line.columns_per_row);
 }
 
 // The free part of four beams: the rows of control points between the ends of a line. Those of no
@@ -433,6 +446,11 @@ LineCounts SetLines(const BeamMemory* beams, size_t count, const FreeLineModel& 
   return counts;
 }
 
+// Four floats as they lie in memory.
+[[gnu::always_inline]] inline Integers4 Floats(Doubles4 v) {
+  return reinterpret_cast<Integers4>(__builtin_convertvector(v, Floats4));
+}
+
 // Four beams cut in two: the rows of control points before their faces, and those that take part in
 // them.
 void SetFourFaceLines(const BeamMemory* memory, const Face* faces, double knots_per_m,
@@ -469,25 +487,27 @@ void SetFourFaceLines(const BeamMemory* memory, const Face* faces, double knots_
                          (face.cell - (beams.across + beams.range * beams.d_across)) * per_column +
                          SignedDistance::kFrontKnots * kSharePerKnot;
 
+  Integers4 of_face[4] = {Floats(share), Floats(per_column), Floats(per_row), Floats(part)};
+  Transpose(of_face);
+  const Integers4 part_per_row = Floats(-per_row_behind);
+  const Integers4 is_steep = __builtin_convertvector(beams.is_steep, Integers4);
+  const Integers4 is_line = free.rows > 0;
+  const Integers4 is_face = face.rows > 0;
   for (int k = 0; k < 4; ++k) {
-    const bool is_steep = beams.is_steep[k] != 0;
-    StoreLine(free, k,
-              is_steep ? steep_lines[counts.free.steep] : shallow_lines[counts.free.shallow]);
-    const bool is_line = free.rows[k] > 0;
-    counts.free.steep += is_line && is_steep ? 1 : 0;
-    counts.free.shallow += is_line && !is_steep ? 1 : 0;
-
-    FaceLine& line = is_steep ? steep_faces[counts.face.steep] : shallow_faces[counts.face.shallow];
+    const bool steep = is_steep[k] != 0;
+    StoreLine(free, k, steep ? steep_lines[counts.free.steep] : shallow_lines[counts.free.shallow]);
+    FaceLine& line = steep ? steep_faces[counts.face.steep] : shallow_faces[counts.face.shallow];
+    static_assert(offsetof(FaceLine, part) == offsetof(FaceLine, share) + 12);
     StoreLine(face, k, line.line);
+    Store(of_face[k], &line.share);
+    Store(part_per_row[k], &line.part_per_row);
     line.weight = faces[k].weight;
-    line.share = static_cast<float>(share[k]);
-    line.share_per_column = static_cast<float>(per_column[k]);
-    line.share_per_row = static_cast<float>(per_row[k]);
-    line.part = static_cast<float>(part[k]);
-    line.part_per_row = static_cast<float>(-per_row_behind[k]);
-    const bool is_face = memory[k].hit && face.rows[k] > 0;
-    counts.face.steep += is_face && is_steep ? 1 : 0;
-    counts.face.shallow += is_face && !is_steep ? 1 : 0;
+    const int32_t has_line = is_line[k] & 1;
+    const int32_t has_face = is_face[k] & int32_t{memory[k].hit};
+    counts.free.steep += has_line & is_steep[k];
+    counts.free.shallow += has_line & ~is_steep[k];
+    counts.face.steep += has_face & is_steep[k];
+    counts.face.shallow += has_face & ~is_steep[k];
   }
 }
 
