@@ -584,9 +584,11 @@ void AddLine(const FreeLine& line, const Sum* table, SumPlane<Sum>& plane) {
     const auto first = static_cast<int32_t>((x < first_x ? x : first_x) >> kTileShift);
     const auto last =
         static_cast<int32_t>(((x < first_x ? first_x : x) + kLastColumn) >> kTileShift);
-    for (int32_t tile = 0; tile <= Block::kAcross; ++tile) {
-      block->touched[tile] |= tile >= first && tile <= last ? groups : 0;
-    }
+    const Int32x8 tile = {0, 1, 2, 3, 4, 5, 6, 7};
+    static_assert(sizeof block->touched == sizeof tile);
+    Store(Load<Int32x8>(block->touched) |
+              ((tile >= first) & (tile <= last) & static_cast<int32_t>(groups)),
+          block->touched);
     column += int64_t{line.columns_per_row} * rows;
     row += rows;
     left -= rows;

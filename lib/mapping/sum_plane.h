@@ -55,8 +55,10 @@ struct alignas(64) SumBlock {
   }
 
   Sum sums[(kRows + 1) * kStride] = {};  // the last row is always 0
-  // By column of tiles, the apron last: the groups of rows that there may be sums in.
-  uint32_t touched[kAcross + 1] = {};
+  // By column of tiles, the apron after them: the groups of rows that there may be sums in. As many
+  // as kernels take at once.
+  uint32_t touched[8] = {};
+  static_assert(kAcross < 8);
   int32_t column = 0;  // first tile is (column * kAcross, row * kUp)
   int32_t row = 0;
   SumBlock* next = nullptr;  // with the same hash
