@@ -12,6 +12,8 @@ namespace {
 // a knot behind. Of what is narrow more, since beams that pass it take them away again.
 constexpr double kBehindKnots = 1.5;
 constexpr double kBehindNarrowKnots = 1.75;
+static_assert(SignedDistance::kFrontKnots / Face::kLeastCosine + 1 + kBehindNarrowKnots <=
+              FaceLine::kMostRows - 1);
 // Things narrower than that weigh more.
 constexpr double kWideKnots = 6;
 

@@ -75,6 +75,7 @@ struct Face {
 
 // The part of a beam around its hit: a line, and how the share of what is occupied grows over it.
 struct FaceLine {
+  static constexpr int kMostRows = 8;
   FreeLine line;
   // In 1 / kWholeShare: in the first row at the first control point; per control point; per row.
   float share = 0;

@@ -604,59 +604,59 @@ void AddFace(const FaceLine& face, const int32_t* table, SumPlane<FaceSum>& plan
   constexpr int kPhaseShift = FreeLine::kFractionBits - FaceLineTable::kPhaseBits;
   constexpr float kWhole = SignedDistance::kWholeShare;
   constexpr int kPartBits = 5;
-  constexpr int kRowsAtOnce = 8;
   const FreeLine& line = face.line;
   const int32_t* const rows = table + ptrdiff_t{line.slope} * FaceLineTable::kSumsPerSlope;
-  // The line begins at the first column of a free one.
-  const int32_t skipped = FaceLineTable::kFirstColumn - FreeLineTable<int32_t>::FirstColumn(
-                                                            line.slope < LineTable::kSlopesPerOne);
+  // The line begins at the first column of a free one, one less where the slope is negative.
+  constexpr int kSkipped = FaceLineTable::kFirstColumn - FreeLineTable<int32_t>::FirstColumn(false);
+  static_assert(FreeLineTable<int32_t>::FirstColumn(false) ==
+                FreeLineTable<int32_t>::FirstColumn(true) + 1);
+  const int32_t skipped = kSkipped - ((line.slope - LineTable::kSlopesPerOne) >> 31);
   const Floats4 columns = static_cast<float>(skipped) + Floats4{0, 1, 2, 3};
   const Floats4 share_of_columns = columns * face.share_per_column;
   const auto first_cell = static_cast<int32_t>(line.column >> FreeLine::kFractionBits);
   const auto fraction =
       static_cast<int32_t>(line.column & ((int64_t{1} << FreeLine::kFractionBits) - 1));
+  static_assert(FaceLine::kMostRows <= 8);
+  const Int32x8 n = {0, 1, 2, 3, 4, 5, 6, 7};
+  const Floats8 n_float = __builtin_convertvector(n, Floats8);
+  const Int32x8 column = fraction + n * line.columns_per_row;
+  const Int32x8 cells = column >> FreeLine::kFractionBits;
+  const Floats8 most_part = face.part + n_float * face.part_per_row;
+  const Floats8 part = most_part < 1 ? most_part : Floats8{} + 1;
+  int32_t cell_of_row[8];
+  int32_t phase_of_row[8];
+  int32_t weight_of_row[8];
+  float share_of_row[8];
+  Store(first_cell + skipped + cells, cell_of_row);
+  Store((column >> kPhaseShift) & (LineTable::kPhases - 1), phase_of_row);
+  Store(face.weight * __builtin_convertvector(part * part * (1 << kPartBits), Int32x8),
+        weight_of_row);
+  Store(face.share + __builtin_convertvector(cells, Floats8) * face.share_per_column +
+            n_float * face.share_per_row,
+        share_of_row);
   SumBlock<FaceSum>* block = nullptr;
-  for (int32_t first = 0; first < line.rows; first += kRowsAtOnce) {
-    const Int32x8 n = first + Int32x8{0, 1, 2, 3, 4, 5, 6, 7};
-    const Floats8 n_float = __builtin_convertvector(n, Floats8);
-    const Int32x8 column = fraction + n * line.columns_per_row;
-    const Int32x8 cells = column >> FreeLine::kFractionBits;
-    const Floats8 most_part = face.part + n_float * face.part_per_row;
-    const Floats8 part = most_part < 1 ? most_part : Floats8{} + 1;
-    int32_t cell_of_row[kRowsAtOnce];
-    int32_t phase_of_row[kRowsAtOnce];
-    int32_t weight_of_row[kRowsAtOnce];
-    float share_of_row[kRowsAtOnce];
-    Store(first_cell + skipped + cells, cell_of_row);
-    Store((column >> kPhaseShift) & (LineTable::kPhases - 1), phase_of_row);
-    Store(face.weight * __builtin_convertvector(part * part * (1 << kPartBits), Int32x8),
-          weight_of_row);
-    Store(face.share + __builtin_convertvector(cells, Floats8) * face.share_per_column +
-              n_float * face.share_per_row,
-          share_of_row);
-    const int32_t left = line.rows - first;
-    for (int32_t k = 0; k < left && k < kRowsAtOnce; ++k) {
-      const int32_t row = line.first_row + first + k;
-      const int32_t cell = cell_of_row[k];
-      if (block == nullptr || block->column != cell >> 5 || block->row != row >> kBlockShift) {
-        block = plane.At(cell >> 5, row >> kBlockShift);
-      }
-      const Integers4 weight =
-          (Load<Integers4>(rows + phase_of_row[k] * FaceLineTable::kWidth) * weight_of_row[k]) >>
-          kPartBits;
-      Floats4 share = share_of_row[k] + share_of_columns;
-      share = share < 0 ? Floats4{} : share;
-      share = share > kWhole ? Floats4{} + kWhole : share;
-      static_assert(SignedDistance::kWholeShare == 1 << 8);
-      const Integers4 occupied = (weight * __builtin_convertvector(share, Integers4)) >> 8;
-      const int32_t row_in_block = row & (kBlockRows - 1);
-      const int32_t place = cell & (kSide - 1);
-      AddTo(__builtin_shufflevector(weight, occupied, 0, 4, 1, 5, 2, 6, 3, 7),
-            block->sums + row_in_block * kStride<FaceSum> + place);
-      const uint32_t group = GroupsOf(row_in_block, row_in_block);
-      block->touched[0] |= group;
-      block->touched[1] |= place > kSide - FaceLineTable::kWidth ? group : 0;
+  for (int32_t k = 0; k < line.rows; ++k) {
+    const int32_t row = line.first_row + k;
+    const int32_t cell = cell_of_row[k];
+    if (block == nullptr || block->column != cell >> 5 || block->row != row >> kBlockShift) {
+      block = plane.At(cell >> 5, row >> kBlockShift);
     }
+    const Integers4 weight =
+        (Load<Integers4>(rows + phase_of_row[k] * FaceLineTable::kWidth) * weight_of_row[k]) >>
+        kPartBits;
+    Floats4 share = share_of_row[k] + share_of_columns;
+    share = share < 0 ? Floats4{} : share;
+    share = share > kWhole ? Floats4{} + kWhole : share;
+    static_assert(SignedDistance::kWholeShare == 1 << 8);
+    const Integers4 occupied = (weight * __builtin_convertvector(share, Integers4)) >> 8;
+    const int32_t row_in_block = row & (kBlockRows - 1);
+    const int32_t place = cell & (kSide - 1);
+    AddTo(__builtin_shufflevector(weight, occupied, 0, 4, 1, 5, 2, 6, 3, 7),
+          block->sums + row_in_block * kStride<FaceSum> + place);
+    const uint32_t group = GroupsOf(row_in_block, row_in_block);
+    const int32_t in_apron = (kSide - FaceLineTable::kWidth - place) >> 31;
+    block->touched[0] |= group;
+    block->touched[1] |= group & static_cast<uint32_t>(in_apron);
   }
 }
 
