@@ -19,7 +19,7 @@ namespace asio = boost::asio;
 using nlohmann::json;
 using std::chrono::milliseconds;
 
-constexpr milliseconds kMinInterval(50);    // between frames
+constexpr milliseconds kMinInterval(20);    // between frames
 constexpr milliseconds kMaxInterval(1000);  // ages are shown
 constexpr milliseconds kWorkInterval(1);
 constexpr size_t kTilesAtOnce = 1000;  // some ms of work on coarser levels
