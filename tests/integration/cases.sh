@@ -39,7 +39,7 @@ proposes() {
 says() {
   log_of "$1"
   expect "$2" splinemap doctor "$log"
-  cat out err | grep -qF -- "$3" || fail "$1: no '$3' in: $(cat out err)"
+  grep -qF -- "$3" out err || fail "$1: no '$3' in: $(cat out err)"
 }
 
 # All is well without a flag, and doctor leaves it so.

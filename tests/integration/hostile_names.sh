@@ -70,7 +70,7 @@ run 0 "Xdaemon Xrefused Xlayer Xstate" splinemap layers --live
 json 0 "Xdaemon Xrefused Xlayer Xstate" splinemap layers --live
 run 1 "Xcoarse Xmissing" splinemap snapshot none.splinemap --timeout 3
 run 1 "Xchannel" splinemap doctor --live --seconds 1
-run 2 "Xtext" splinemap query --live --robot "$(printf 'Xrobot\x1b[2J\n\r\x9b\x07\xff\xc2\x9bXrobot')" 0 0
+run 2 "Xtext" splinemap query --live --robot "$(printf 'Xrobot\x1b[2J\n\r\x9b\x07\xff\xc2\x9bXrobot<img src=//hostile onerror=alert(1)>')" 0 0
 run 1 "Xrobot" splinemap query --live --robot nobody 0 0
 run 2 "Xlayer" splinemap layer mute --live nothing
 # In a terminal, what draws the screen is splinemap's alone.
