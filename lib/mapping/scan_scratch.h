@@ -22,7 +22,8 @@ namespace splinemap {
 // free samples, at least kMinFreeSampleSpacingKnots apart, 4/3 * 3.5 * |kMinKappaFree|), and
 // kMaxBeams of them stay within 32 bits. So do weights of faces: a beam adds at most
 // kMostFaceWeight times the diagonal of a knot cell. Weights of free space saturate at 182 knots of
-// beams, which only counts where a face is as near to the sensor as beams lie that close.
+// beams: a face nearer to the sensor than beams lie 1/182 knot apart, 6 cm with 0.25 degrees
+// between them, counts more against them than it should.
 class ScanScratch {
  public:
   explicit ScanScratch(const ScanKernel& kernel = FastestScanKernel()) : kernel_(kernel) {}

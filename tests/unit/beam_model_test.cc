@@ -162,6 +162,20 @@ TEST(BeamModelTest, EveryKernelMakesTheBytesOfThePlainOne) {
   }
 }
 
+// Beams so close to each other that weights of free space saturate, as far as a face beside them.
+TEST(BeamModelTest, EveryKernelMakesTheBytesOfThePlainOneWhereWeightsSaturate) {
+  std::vector<PlacedBeam> beams;
+  for (int k = 0; k < 4000; ++k) {
+    const double bearing_rad = 0.1 + 0.0003 * k;
+    beams.push_back(Beam(0.012, 0.013, bearing_rad, k < 2000 ? 0.25 : 2));
+  }
+  const auto plain = MapOf(beams, {}, ScanKernels().front());
+  for (const ScanKernel& kernel : ScanKernels()) {
+    SCOPED_TRACE(kernel.name);
+    ExpectEqual(*plain, *MapOf(beams, {}, kernel));
+  }
+}
+
 TEST(BeamModelTest, ABeamWithoutHitOnlyClears) {
   for (const BeamUpdate update : kAllUpdates) {
     const auto map = MapOf({Beam(0, 0, 0.3, 5, false)}, {.update = update});
