@@ -98,12 +98,6 @@ void AddTo(Vector vector, void* to) {
 }
 
 // What the compiler makes of the plain expressions for the following is slow or, in parts, scalar.
-#if defined(__AVX2__)
-bool IsZero(Int32x8 v) {
-  const auto whole = reinterpret_cast<__m256i>(v);
-  return _mm256_testz_si256(whole, whole) != 0;
-}
-#else
 bool IsZero(Int32x4 v) {
 #ifdef __SSE2__
   const __m128i is_zero = _mm_cmpeq_epi32(reinterpret_cast<__m128i>(v), _mm_setzero_si128());
@@ -112,26 +106,22 @@ bool IsZero(Int32x4 v) {
   return (v[0] | v[1] | v[2] | v[3]) == 0;
 #endif
 }
+bool IsZero(Uint16x8 v) { return IsZero(reinterpret_cast<Int32x4>(v)); }
 bool IsZero(Int32x8 v) {
+#ifdef __AVX2__
+  const auto whole = reinterpret_cast<__m256i>(v);
+  return _mm256_testz_si256(whole, whole) != 0;
+#else
   return IsZero(__builtin_shufflevector(v, v, 0, 1, 2, 3) |
                 __builtin_shufflevector(v, v, 4, 5, 6, 7));
-}
 #endif
+}
 #ifdef __AVX512F__
 bool IsZero(Sums v) {
   const auto whole = reinterpret_cast<__m512i>(v);
   return _mm512_test_epi32_mask(whole, whole) == 0;
 }
 #endif
-bool IsZero(Uint16x8 v) {
-#ifdef __SSE2__
-  const __m128i is_zero = _mm_cmpeq_epi8(reinterpret_cast<__m128i>(v), _mm_setzero_si128());
-  return _mm_movemask_epi8(is_zero) == 0xffff;
-#else
-  return IsZero(reinterpret_cast<Int32x4>(v));
-#endif
-}
-
 Sums Widen(ControlPoints v) {
 #if defined(__SSE2__) && !defined(__AVX2__)
   const __m128i low = _mm_cvtsi64_si128(reinterpret_cast<int64_t>(v));
@@ -212,15 +202,15 @@ Doubles4 SquareRoot(Doubles4 x) {
   r[3] = __builtin_shufflevector(high01, high23, 2, 3, 6, 7);
 }
 
+// Likewise: lays the elements of the one half of the rows between those of the other, twice.
 [[gnu::always_inline]] inline void Transpose(Integers4 (&r)[4]) {
-  const Integers4 low01 = __builtin_shufflevector(r[0], r[1], 0, 4, 1, 5);
-  const Integers4 high01 = __builtin_shufflevector(r[0], r[1], 2, 6, 3, 7);
-  const Integers4 low23 = __builtin_shufflevector(r[2], r[3], 0, 4, 1, 5);
-  const Integers4 high23 = __builtin_shufflevector(r[2], r[3], 2, 6, 3, 7);
-  r[0] = __builtin_shufflevector(low01, low23, 0, 1, 4, 5);
-  r[1] = __builtin_shufflevector(low01, low23, 2, 3, 6, 7);
-  r[2] = __builtin_shufflevector(high01, high23, 0, 1, 4, 5);
-  r[3] = __builtin_shufflevector(high01, high23, 2, 3, 6, 7);
+  for (int step = 0; step < 2; ++step) {
+    const Integers4 t[4] = {__builtin_shufflevector(r[0], r[2], 0, 4, 1, 5),
+                            __builtin_shufflevector(r[0], r[2], 2, 6, 3, 7),
+                            __builtin_shufflevector(r[1], r[3], 0, 4, 1, 5),
+                            __builtin_shufflevector(r[1], r[3], 2, 6, 3, 7)};
+    for (int k = 0; k < 4; ++k) r[k] = t[k];
+  }
 }
 
 // Four beams.
@@ -691,30 +681,11 @@ void MoveApron(Sum* apron, uint32_t groups, Sum* to) {
   }
 }
 
-// Exchanges rows and columns.
-[[gnu::always_inline]] inline void Transpose(Int32x8 (&r)[8]) {
-  Int32x8 t[8];
-  for (int k = 0; k < 8; k += 2) {
-    t[k] = __builtin_shufflevector(r[k], r[k + 1], 0, 8, 2, 10, 4, 12, 6, 14);
-    t[k + 1] = __builtin_shufflevector(r[k], r[k + 1], 1, 9, 3, 11, 5, 13, 7, 15);
-  }
-  for (int k = 0; k < 8; k += 4) {
-    for (int m = 0; m < 2; ++m) {
-      r[k + m] = __builtin_shufflevector(t[k + m], t[k + m + 2], 0, 1, 8, 9, 4, 5, 12, 13);
-      r[k + m + 2] = __builtin_shufflevector(t[k + m], t[k + m + 2], 2, 3, 10, 11, 6, 7, 14, 15);
-    }
-  }
-  for (int k = 0; k < 4; ++k) {
-    t[k] = __builtin_shufflevector(r[k], r[k + 4], 0, 1, 2, 3, 8, 9, 10, 11);
-    t[k + 4] = __builtin_shufflevector(r[k], r[k + 4], 4, 5, 6, 7, 12, 13, 14, 15);
-  }
-  for (int k = 0; k < 8; ++k) r[k] = t[k];
-}
-
-// Lays the elements of the one half of the rows between those of the other, three times.
-[[gnu::always_inline]] inline void Transpose(Uint16x8 (&r)[8]) {
+// Likewise, three times.
+template <typename Vector>
+[[gnu::always_inline]] inline void Transpose(Vector (&r)[8]) {
   for (int step = 0; step < 3; ++step) {
-    Uint16x8 t[8];
+    Vector t[8];
     for (int k = 0; k < 4; ++k) {
       t[2 * k] = __builtin_shufflevector(r[k], r[k + 4], 0, 8, 1, 9, 2, 10, 3, 11);
       t[2 * k + 1] = __builtin_shufflevector(r[k], r[k + 4], 4, 12, 5, 13, 6, 14, 7, 15);
