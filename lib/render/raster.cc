@@ -108,6 +108,7 @@ absl::StatusOr<std::string> EncodePng(const Raster& raster) {
     return Unavailable("cannot make a picture: {}", png.image.message);
   }
   bytes.resize(size);
+  bytes.shrink_to_fit();  // the most that it might have been is much more
   return bytes;
 }
 

@@ -39,6 +39,8 @@ absl::Status Access::Check(const Claims& claims) const {
     if (host == std::string_view::npos || claims.origin.substr(host + 3) != claims.host)
       return absl::PermissionDeniedError("pages of other sites may not ask");
   }
+  if (claims.fetch_site == "cross-site" || claims.fetch_site == "same-site")
+    return absl::PermissionDeniedError("pages of other sites may not ask");
   if (token.empty()) return absl::OkStatus();
   constexpr std::string_view kBearer = "Bearer ";
   const std::string_view told = claims.authorization.starts_with(kBearer)

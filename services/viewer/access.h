@@ -17,7 +17,8 @@ struct Access {
     std::string_view host{};
     std::string_view origin{};
     std::string_view authorization{};
-    std::string_view token{};  // in the target
+    std::string_view fetch_site{};  // Sec-Fetch-Site, which browsers send
+    std::string_view token{};       // in the target
   };
 
   // PermissionDenied for a page of another site, which a browser sends here with a name of its own

@@ -74,10 +74,11 @@ absl::Status BrowserView::Handle(std::string_view message) {
 absl::Status BrowserView::SetRequest(ViewRequest request) {
   const bool is_same_kind =
       request_ && request_->level == request.level && request_->surfaces == request.surfaces;
-  if (!is_same_kind) sent_.clear();
+  // A view that was never looked at may be what the page has forgotten tiles for.
+  if (!is_same_kind || is_request_new_) sent_.clear();
   request_ = std::move(request);
   is_request_new_ = true;
-  sent_up_to_.assign(request_->surfaces.size(), 0);
+  sent_up_to_.assign(request_->surfaces.size(), {});
   return absl::OkStatus();
 }
 
@@ -95,7 +96,7 @@ std::vector<BrowserView::Wanted> BrowserView::FindWanted(double knot_interval_m,
         return std::get<0>(entry.first) == surface && !box.Contains(std::get<1>(entry.first));
       });
     }
-    const uint64_t newest = levels->newest_change(request_->level);
+    const UpTo newest{levels->newest_change(request_->level), box};
     if (sent_up_to_[n] == newest) continue;
     const double centre_x = (box.tx0 + box.tx1 - 1) / 2.0;
     const double centre_y = (box.ty0 + box.ty1 - 1) / 2.0;

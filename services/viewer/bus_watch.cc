@@ -17,12 +17,21 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds kLongest(1000);
 constexpr size_t kMaxPathPoints = 10'000;
+constexpr std::chrono::seconds kLong(10);
 
-// Keeps the newest of a key, and of no more keys than there is room for.
+// Keeps the newest of a key, and of no more keys than there is room for: what was not heard for
+// long goes first.
 template <typename Map, typename Key, typename Value>
 void Put(Map& map, const Key& key, Value value) {
-  if (map.size() >= BusState::kMaxChannels && !map.contains(key)) return;
-  map[key] = {std::move(value), Clock::now()};
+  const Clock::time_point now = Clock::now();
+  if (map.size() >= BusState::kMaxKeys && !map.contains(key)) {
+    const auto oldest = std::min_element(map.begin(), map.end(), [](const auto& a, const auto& b) {
+      return a.second.time < b.second.time;
+    });
+    if (now - oldest->second.time < kLong) return;
+    map.erase(oldest);
+  }
+  map[key] = {std::move(value), now};
 }
 
 // Live is better than what only a file of another daemon says.
@@ -68,10 +77,13 @@ void BusWatch::HandleMessage(const std::string& channel, absl::Span<const uint8_
     if (type && IsPose(*type)) HandlePose(channel, message);
     if (type == MessageType::kPath2d) HandlePath(channel, message);
     scans_.HandleMessage(channel, message, Utime(HostUtime()));
-    for (auto& [scan_channel, scan] : scans_.Take()) {
+    std::vector<std::pair<std::string, ShownScan>> placed = scans_.Take();
+    if (placed.empty()) return;
+    {
       MutexLock lock(mutex_);
-      Put(state_.scans, scan_channel, std::move(scan));
+      for (auto& [scan_channel, scan] : placed) Put(state_.scans, scan_channel, std::move(scan));
     }
+    on_news_();
   }
 }
 

@@ -42,7 +42,7 @@ struct BusLayer {
 
 // The newest of everything that is shown beside the map, by channel or name.
 struct BusState {
-  static constexpr size_t kMaxChannels = 64;
+  static constexpr size_t kMaxKeys = 256;  // of each kind
 
   std::map<std::string, Heard<Pose2>> poses;
   std::map<std::string, Heard<ShownScan>> scans;

@@ -184,7 +184,7 @@ absl::StatusOr<HttpAnswer> HttpApi::Picture(const HttpTarget& target) const {
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const double px, target.Number("px"));
   const double height = std::ceil(px * height_m / width_m);
-  if (!(px >= 1 && px <= kMaxPictureSide && height <= kMaxPictureSide)) {
+  if (!(px >= 1 && px <= kMaxPictureSide && height >= 1 && height <= kMaxPictureSide)) {
     return InvalidArgument("a picture has 1 to {} pixels each way, not {} x {}", kMaxPictureSide,
                            px, height);
   }

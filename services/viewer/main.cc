@@ -115,7 +115,7 @@ absl::Status Run(const Flags& flags) {
   while (!io.stopped()) {
     try {
       io.run();
-    } catch (const std::exception& error) {  // of one connection: the memory is full, say
+    } catch (const std::exception& error) {  // out of one connection
       fmt::print(stderr, "a connection was lost: {}\n", PlainText(error.what()));
     }
   }

@@ -59,9 +59,11 @@ std::string_view ToStd(beast::string_view text) { return {text.data(), text.size
 struct TlsLink {
   asio::ssl::stream<tcp::socket> tls;
   asio::local::stream_protocol::socket clear;
+  asio::steady_timer too_late;  // ends the handshake, and what nobody reads at the end
 
   void Close() {
     error_code ignored;
+    too_late.cancel();
     tls.next_layer().close(ignored);
     clear.close(ignored);
   }
@@ -113,6 +115,7 @@ absl::StatusOr<tcp::acceptor> OpenAcceptor(asio::io_context& io, const ServerOpt
   error_code error;
   if (const std::optional<int> socket = InheritedSocket()) {
     acceptor.assign(tcp::v4(), *socket, error);
+    if (!error) acceptor.local_endpoint(error);
     if (error) return Unavailable("the socket of LISTEN_FDS is of no use: {}", error.message());
     return acceptor;
   }
@@ -163,7 +166,10 @@ class BeastServer : public Server {
   }
 
   // Before what its workers use is gone.
-  ~BeastServer() override { workers_.join(); }
+  ~BeastServer() override {
+    workers_.stop();
+    workers_.join();
+  }
 
   std::string url() const override {
     const tcp::endpoint endpoint = acceptor_.local_endpoint();
@@ -191,7 +197,11 @@ class BeastServer : public Server {
         viewer_.metrics().refused.Increment();
         continue;  // closes it
       }
-      asio::co_spawn(io_, Serve(std::move(socket)), asio::detached);
+      try {
+        asio::co_spawn(io_, Serve(std::move(socket)), asio::detached);
+      } catch (const std::exception&) {  // the memory is full
+        viewer_.metrics().refused.Increment();
+      }
     }
   }
 
@@ -210,17 +220,18 @@ class BeastServer : public Server {
 
   awaitable<void> ServeTls(tcp::socket socket) {
     using Local = asio::local::stream_protocol;
-    const auto link =
-        std::make_shared<TlsLink>(TlsLink{{std::move(socket), tls_}, Local::socket(io_)});
-    // Ends the handshake, and what nobody reads at the end.
-    asio::steady_timer too_late(io_, kRequestTimeout);
-    const auto close = [link](const error_code& cancelled) {
-      if (!cancelled) link->Close();
+    const auto link = std::make_shared<TlsLink>(
+        TlsLink{{std::move(socket), tls_}, Local::socket(io_), asio::steady_timer(io_)});
+    const auto close_in_time = [link] {
+      link->too_late.expires_after(kRequestTimeout);
+      link->too_late.async_wait([link](const error_code& cancelled) {
+        if (!cancelled) link->Close();
+      });
     };
-    too_late.async_wait(close);
+    close_in_time();
     error_code error;
     co_await link->tls.async_handshake(asio::ssl::stream_base::server, Into(error));
-    too_late.cancel();
+    link->too_late.cancel();
     if (error) co_return;
     Local::socket served(io_);
     asio::local::connect_pair(link->clear, served, error);
@@ -231,9 +242,7 @@ class BeastServer : public Server {
       Stream stream{asio::generic::stream_protocol::socket(std::move(served))};
       co_await ServeRequests(stream);
     }
-    too_late.expires_after(kRequestTimeout);
-    too_late.async_wait(close);
-    co_await too_late.async_wait(Into(error));
+    if (link->clear.is_open()) close_in_time();
   }
 
   awaitable<void> ServeRequests(Stream& stream) {
@@ -282,6 +291,7 @@ class BeastServer : public Server {
     return access_.Check({.host = ToStd(request[http::field::host]),
                           .origin = ToStd(request[http::field::origin]),
                           .authorization = ToStd(request[http::field::authorization]),
+                          .fetch_site = ToStd(request["Sec-Fetch-Site"]),
                           .token = token == target->parameters.end() ? "" : token->second});
   }
 
@@ -331,6 +341,7 @@ class BeastServer : public Server {
     response.set("Content-Security-Policy", kContentPolicy);
     response.set("X-Content-Type-Options", "nosniff");
     response.set("Referrer-Policy", "no-referrer");
+    response.set("Cross-Origin-Resource-Policy", "same-origin");
     if (answer.status == 401) response.set(http::field::www_authenticate, "Bearer");
     response.body() = std::move(answer.body);
     response.prepare_payload();
@@ -355,34 +366,52 @@ class BeastServer : public Server {
       co_return;
     }
     asio::co_spawn(io_, SendFrames(socket, browser), asio::detached);
-    beast::flat_buffer buffer;
-    while (true) {
-      co_await socket->async_read(buffer, Into(error));
-      if (error) break;
-      const auto bytes = buffer.data();
-      const absl::Status handled =
-          viewer_.Handle(*browser, {static_cast<const char*>(bytes.data()), bytes.size()});
-      buffer.consume(bytes.size());
-      if (!handled.ok()) break;
+    bool is_refused = false;
+    try {
+      is_refused = co_await ReadMessages(*socket, *browser);
+    } catch (const std::exception&) {  // the memory is full
     }
     viewer_.Leave(browser);
-    if (!error) {
+    if (is_refused) {
       co_await socket->async_close({websocket::close_code::policy_error, "no such message"},
                                    Into(error));
     }
   }
 
+  // Until the page ends; true where it says what no page says.
+  awaitable<bool> ReadMessages(WebSocket& socket, Viewer::Browser& browser) {
+    beast::flat_buffer buffer;
+    while (true) {
+      error_code error;
+      co_await socket.async_read(buffer, Into(error));
+      if (error) co_return false;
+      const auto bytes = buffer.data();
+      const absl::Status handled =
+          viewer_.Handle(browser, {static_cast<const char*>(bytes.data()), bytes.size()});
+      buffer.consume(bytes.size());
+      if (!handled.ok()) co_return true;
+    }
+  }
+
   awaitable<void> SendFrames(std::shared_ptr<WebSocket> socket,
                              std::shared_ptr<Viewer::Browser> browser) {
+    try {
+      co_await SendUntilGone(*socket, *browser);
+    } catch (const std::exception&) {  // the memory is full: the page connects again
+      beast::get_lowest_layer(*socket).close();
+    }
+  }
+
+  awaitable<void> SendUntilGone(WebSocket& socket, Viewer::Browser& browser) {
     error_code error;
-    while (!browser->is_gone && !error) {
-      const std::optional<std::string> frame = viewer_.NextFrame(*browser);
+    while (!browser.is_gone && !error) {
+      const std::optional<std::string> frame = viewer_.NextFrame(browser);
       if (frame) {
-        co_await socket->async_write(asio::buffer(*frame), Into(error));
+        co_await socket.async_write(asio::buffer(*frame), Into(error));
       } else {
-        browser->wake.expires_at(asio::steady_timer::time_point::max());
+        browser.wake.expires_at(asio::steady_timer::time_point::max());
         error_code cancelled;
-        co_await browser->wake.async_wait(Into(cancelled));
+        co_await browser.wake.async_wait(Into(cancelled));
       }
     }
   }

@@ -14,6 +14,12 @@ constexpr int kMaxGreatest = 2;  // levels of the greatest log-odds
 
 TileKey ParentOf(TileKey key) { return {key.tx >> 1, key.ty >> 1}; }
 
+// A tile that is gone, once for all.
+const std::shared_ptr<const Tile>& Nothing() {
+  static const auto kNothing = std::make_shared<const Tile>();
+  return kNothing;
+}
+
 ControlPoint LogOddsOfMean(double sum, int count) {
   if (count == 0) return 0;
   constexpr double kMost = 1e-7;
@@ -74,8 +80,11 @@ void SurfaceLevels::SetFinest(const TileTree& tiles, int64_t utime_ms) {
                        [&](TileKey key, const TileTree::Entry& entry) {
                          const Tile* old = before.Find(key);
                          if (old == nullptr || *old != *entry.tile) SetChanged(0, key, utime_ms);
+                         box_.Add(key);
                        });
   if (continues) return;
+  box_ = {};
+  tiles.ForEach([&](TileKey key, const TileTree::Entry&) { box_.Add(key); });
   before.ForEach([&](TileKey key, const TileTree::Entry&) {
     if (tiles.Find(key) == nullptr) SetChanged(0, key, utime_ms);
   });
@@ -85,15 +94,15 @@ void SurfaceLevels::MakeWaiting(int number, int64_t utime_ms, size_t& max_tiles)
   Level& level = levels_[number];
   const TileTree& finer = levels_[number - 1].tiles;
   bool is_changed = false;
-  while (!level.waiting.empty() && max_tiles > 0) {
-    --max_tiles;
-    const TileKey key = *level.waiting.begin();
-    level.waiting.erase(level.waiting.begin());
+  for (auto it = level.waiting.begin(); it != level.waiting.end() && max_tiles > 0; --max_tiles) {
+    const TileKey key = *it;
+    level.waiting.erase(it++);
     Tile tile =
         number <= kMaxGreatest ? CoarserTile(finer, key, Statistic::kMax) : MeanTile(finer, key);
     const Tile* before = level.editor.tree().Find(key);
     if (before == nullptr ? tile == Tile() : tile == *before) continue;
-    level.editor.Put(key, std::make_shared<const Tile>(tile), last_change_);
+    level.editor.Put(key, tile == Tile() ? Nothing() : std::make_shared<const Tile>(tile),
+                     last_change_);
     SetChanged(number, key, utime_ms);
     is_changed = true;
   }
@@ -104,7 +113,6 @@ void SurfaceLevels::SetChanged(int number, TileKey key, int64_t utime_ms) {
   Level& level = levels_[number];
   level.newest_change = ++last_change_;
   level.changes[key] = {last_change_, is_first_ ? 0 : utime_ms};
-  if (number == 0) box_.Add(key);
   if (number < LevelOfDetail::kMaxLevel) levels_[number + 1].waiting.insert(ParentOf(key));
 }
 

@@ -20,7 +20,7 @@ class SurfaceLevels {
  public:
   struct Change {
     uint64_t number = 0;   // greater than those of all changes before
-    int64_t utime_ms = 0;  // 0: before the viewer was started
+    int64_t utime_ms = 0;  // 0: before somebody looked
   };
 
   // Goes on with work towards the levels of `tiles`, at most `max_tiles` of it. `utime_ms` is now.
@@ -35,7 +35,7 @@ class SurfaceLevels {
   // From the frame of its tiles to that of the map.
   KnotShift shift() const { return shift_; }
   void set_shift(KnotShift shift) { shift_ = shift; }
-  // Around all tiles of level 0 that ever were.
+  // Around all tiles of level 0.
   const TileBox& box() const { return box_; }
 
  private:

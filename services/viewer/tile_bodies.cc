@@ -24,6 +24,7 @@ std::string Deflate(const Tile& tile) {
   stream.avail_out = static_cast<uInt>(bytes.size());
   deflate(&stream, Z_FINISH);  // cannot fail: the output has room for all of it
   bytes.resize(stream.total_out);
+  bytes.shrink_to_fit();
   deflateEnd(&stream);
   return bytes;
 }

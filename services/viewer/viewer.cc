@@ -1,5 +1,6 @@
 #include "services/viewer/viewer.h"
 
+#include <algorithm>
 #include <boost/asio/co_spawn.hpp>
 #include <boost/asio/detached.hpp>
 #include <boost/asio/post.hpp>
@@ -33,8 +34,9 @@ absl::StatusOr<json> ParseBody(const std::string& body) {
 
 absl::StatusOr<double> NumberOf(const json& object, const char* name) {
   const auto value = object.find(name);
-  if (value == object.end() || !value->is_number() || !std::isfinite(value->get<double>()))
-    return InvalidArgument("{} is missing, or no number", name);
+  constexpr double kMost = 1e9;  // as far as anybody drives
+  if (value == object.end() || !value->is_number() || !(std::abs(value->get<double>()) < kMost))
+    return InvalidArgument("{} is missing, or no number below 1e9", name);
   return value->get<double>();
 }
 
@@ -66,7 +68,12 @@ Viewer::Viewer(asio::io_context& io, const ViewerOptions& options)
   facts_.allows_commands = options.allows_commands && !facts_.is_file;
 }
 
-Viewer::~Viewer() = default;
+// First the threads that nudge.
+Viewer::~Viewer() {
+  bus_.reset();
+  api_.reset();
+  map_.reset();
+}
 
 void Viewer::Nudge() {
   if (!is_nudged_.exchange(true)) asio::post(io_, [this] { news_.cancel(); });
@@ -76,7 +83,12 @@ asio::awaitable<void> Viewer::KeepUpToDate() {
   boost::system::error_code ignored;
   while (true) {
     is_nudged_ = false;
-    const bool is_at_work = Refresh();
+    bool is_at_work = false;
+    try {
+      is_at_work = Refresh();
+    } catch (const std::exception& error) {  // the memory is full: again with the next news
+      fmt::print(stderr, "the map is not brought up to date: {}\n", error.what());
+    }
     asio::steady_timer pause(io_, is_at_work ? kWorkInterval : kMinInterval);
     co_await pause.async_wait(Into(ignored));
     if (is_at_work || is_nudged_) continue;
@@ -142,6 +154,8 @@ std::shared_ptr<Viewer::Browser> Viewer::Join() {
   const auto browser = std::make_shared<Browser>(io_);
   browsers_.insert(browser);
   metrics_.browsers.Set(static_cast<double>(browsers_.size()));
+  // Nobody kept them up to date while nobody looked.
+  if (browsers_.size() == 1) SetSections(*map_->View());
   Nudge();
   return browser;
 }
@@ -155,13 +169,17 @@ void Viewer::Leave(const std::shared_ptr<Browser>& browser) {
 
 absl::Status Viewer::Handle(Browser& browser, std::string_view message) {
   SPLINEMAP_RETURN_IF_ERROR(browser.view.Handle(message));
-  browser.wake.cancel();
-  // A layer that nobody looked at so far is taken up.
+  // A layer that nobody looked at so far is taken up before the page is told that it has all.
   if (const auto& request = browser.view.request()) {
-    for (const std::string& name : request->surfaces) {
-      if (!surfaces_.contains(name)) Nudge();
+    const bool is_new =
+        std::any_of(request->surfaces.begin(), request->surfaces.end(),
+                    [&](const std::string& name) { return !surfaces_.contains(name); });
+    if (is_new) {
+      AdvanceSurfaces(map_->Layers(), *map_->View());
+      Nudge();
     }
   }
+  browser.wake.cancel();
   return absl::OkStatus();
 }
 

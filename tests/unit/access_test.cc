@@ -22,6 +22,15 @@ TEST(AccessTest, OnLoopbackOnlyItsOwnNamesAndPagesMayAsk) {
   }
 }
 
+TEST(AccessTest, PicturesOfPagesOfOtherSitesAreRefused) {
+  const Access access;
+  for (const char* site : {"cross-site", "same-site"}) {
+    EXPECT_TRUE(absl::IsPermissionDenied(access.Check({.host = "localhost", .fetch_site = site})));
+  }
+  for (const char* site : {"", "none", "same-origin"})
+    EXPECT_TRUE(access.Check({.host = "localhost", .fetch_site = site}).ok()) << site;
+}
+
 TEST(AccessTest, ATokenIsAskedForWhereThereIsOne) {
   Access access{.is_loopback = false, .token = "0123456789abcdef"};
   EXPECT_TRUE(absl::IsUnauthenticated(access.Check({.host = "robot:8086"})));

@@ -195,6 +195,38 @@ TEST_F(BrowserViewTest, AViewBringsWhatItDidNotHave) {
   EXPECT_EQ(back->tiles.size(), 5);
 }
 
+TEST_F(BrowserViewTest, AViewThatNobodySawWasOneForThePage) {
+  for (int32_t n = 0; n < 40; ++n) Edit({n, 0}).control_points[0] = 1;
+  Commit();
+  const double side_m = 32 * kKnot_m;
+  const auto region = [&](int tx) {
+    return fmt::format(R"("x0_m":{},"y0_m":0.2,"x1_m":{},"y1_m":0.3)", (tx + 0.5) * side_m,
+                       (tx + 9.5) * side_m);
+  };
+  Look(region(0));
+  Receive();
+  ASSERT_EQ(page_.size(), 10);
+  // The page goes away and back before the server looks: it has forgotten what it went from.
+  Look(region(20));
+  Look(region(0));
+  page_.clear();
+  Receive();
+  EXPECT_EQ(page_.size(), 10);
+}
+
+TEST_F(BrowserViewTest, AShiftBringsWhatItMovesIntoView) {
+  for (int32_t n = 0; n < 10; ++n) Edit({n, 0}).control_points[0] = 1;
+  Commit();
+  const double side_m = 32 * kKnot_m;
+  Look(fmt::format(R"("x0_m":{},"y0_m":0.2,"x1_m":{},"y1_m":0.3)", 0.5 * side_m, 1.5 * side_m));
+  Receive();
+  ASSERT_EQ(page_.size(), 2);
+  levels_.set_shift({-32 * 5, 0});
+  Receive();
+  EXPECT_TRUE(page_.contains({5, 0}));
+  EXPECT_TRUE(page_.contains({6, 0}));
+}
+
 TEST_F(BrowserViewTest, TilesOfALayerThatIsGoneGo) {
   Edit({0, 0}).control_points[0] = 1;
   Edit({1, 0}).control_points[0] = 2;

@@ -100,7 +100,8 @@ export class TileStore {
     ++this.framesSinceAsked;
     const news = frame.tiles;
     if (!news) return;
-    const generation = this.generations().find((g) => g.holds(news.level, news.surfaces));
+    const holds = (g: Generation) => g.holds(news.level, news.surfaces);
+    const generation = holds(this.current) ? this.current : this.generations().find(holds);
     if (!generation) return;
     for (const update of news.updates) this.apply(generation, update);
     if (generation === this.current) this.noteCompleteness(news);
