@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "splinemap/fixed_pose2.h"
+
 namespace splinemap::pose2_test {
 
 constexpr double kPi = std::numbers::pi;
@@ -39,6 +41,19 @@ TEST(Pose2Test, YawOfAQuaternionIgnoresRollOfTheBody) {
   const double cy = std::cos(yaw / 2), sy = std::sin(yaw / 2);
   const double cr = std::cos(0.15), sr = std::sin(0.15);
   EXPECT_NEAR(YawOfQuaternion(cy * cr, cy * sr, sy * sr, sy * cr), yaw, 1e-12);
+}
+
+TEST(FixedPose2Test, RoundsAndKeepsWhatIsRounded) {
+  for (const Pose2& pose :
+       {Pose2{{1.23456789, -9876.54321}, 3.1}, Pose2{{0, -1e-7}, -kPi}, Pose2{{1e6, -1e6}, 25}}) {
+    const FixedPose2 fixed = FixedPose2::Nearest(pose);
+    EXPECT_TRUE(fixed.IsValid());
+    EXPECT_LE((fixed.ToPose().position_m - pose.position_m).cwiseAbs().maxCoeff(), 0.5e-6);
+    EXPECT_LE(std::abs(WrapAngle(fixed.ToPose().yaw_rad - pose.yaw_rad)), 0.8e-9);
+    EXPECT_EQ(FixedPose2::Nearest(fixed.ToPose()), fixed);
+  }
+  EXPECT_EQ(FixedPose2::Nearest({{0, 0}, kPi}), FixedPose2::Nearest({{0, 0}, -kPi}));
+  EXPECT_TRUE(FixedPose2::Nearest({{0, 0}, 2 * kPi}).IsIdentity());
 }
 
 }  // namespace splinemap::pose2_test
