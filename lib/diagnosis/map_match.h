@@ -1,6 +1,6 @@
 #pragma once
 
-#include "lib/sensing/scan_queue.h"
+#include "splinemap/posed_scan.h"
 #include "splinemap/tile_tree.h"
 
 namespace splinemap {

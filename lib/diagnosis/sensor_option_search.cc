@@ -52,9 +52,10 @@ void PlaceHits(const Scan& scan, const PoseBuffer& poses, std::vector<Eigen::Vec
                                 from.yaw_rad + passed * turned_rad});
     }
   }
+  std::vector<Beam> beams = scan.beams;
+  Level(scan.robot_T_sensor.yaw_rad, up_robot, absl::MakeSpan(beams));
   std::vector<PlacedBeam> placed;
-  Place(scan.beams, world_T_sensor, placed);
-  Tilt(scan.beams, scan.robot_T_sensor.yaw_rad, up_robot, placed);
+  Place(beams, world_T_sensor, placed);
   for (const PlacedBeam& beam : placed) {
     if (beam.hit) hits.push_back(beam.origin_world_m + beam.range_m * beam.direction_world);
   }

@@ -1,6 +1,6 @@
 #include "splinemap/fixed_pose2.h"
 
-#include <cmath>
+#include <algorithm>
 #include <numbers>
 
 #include "lib/geometry/angle.h"
@@ -11,12 +11,16 @@ namespace {
 constexpr double kUnitsPerTurn = 4294967296;
 constexpr double kTurn_rad = 2 * std::numbers::pi;
 
+int64_t UnitsOf(double coordinate_m) {
+  constexpr auto kMax = static_cast<double>(FixedPose2::kMaxUnits);
+  return RoundToInt(std::clamp(coordinate_m * FixedPose2::kUnitsPerMetre, -kMax, kMax));
+}
+
 }  // namespace
 
 FixedPose2 FixedPose2::Nearest(const Pose2& pose) {
   const double turns = WrapAngle(pose.yaw_rad) / kTurn_rad;
-  return {RoundToInt(pose.position_m.x() * kUnitsPerMetre),
-          RoundToInt(pose.position_m.y() * kUnitsPerMetre),
+  return {UnitsOf(pose.position_m.x()), UnitsOf(pose.position_m.y()),
           // Half a turn is one to the right.
           static_cast<int32_t>(static_cast<uint32_t>(RoundToInt(turns * kUnitsPerTurn)))};
 }

@@ -17,6 +17,11 @@ Eigen::Vector2d operator*(const Pose2& a_T_b, const Eigen::Vector2d& p_b) {
                                             x_axis.y() * p_b.x() + x_axis.x() * p_b.y());
 }
 
+Pose2 Inverse(const Pose2& a_T_b) {
+  const Pose2 turned_back{{0, 0}, -a_T_b.yaw_rad};
+  return {turned_back * Eigen::Vector2d(-a_T_b.position_m), -a_T_b.yaw_rad};
+}
+
 double WrapAngle(double angle_rad) {
   const double wrapped = std::remainder(angle_rad, 2 * std::numbers::pi);
   return wrapped <= -std::numbers::pi ? std::numbers::pi : wrapped;

@@ -33,24 +33,24 @@ constexpr int kScansSinceEarlier = 100;
 // Time stamps so far apart are not those of one clock.
 constexpr int64_t kOtherClock_ms = 1000;
 
-// Poses further out are refused, so that no beam leaves the range of kMaxKnotIndex.
-double MaxCoordinate(const MapOptions& options) {
-  return 0.9 * kMaxKnotIndex * options.knot_interval_m;
-}
-
 }  // namespace
 
-Mapper::Mapper(const config::Config& config, MapOptions map_options, Layer& layer)
+Mapper::Mapper(const config::Config& config, MapOptions map_options, Layer& layer,
+               ScanArchive archive)
     : pose_channel_(config.pose()),
-      max_coordinate_m_(MaxCoordinate(map_options)),
+      max_coordinate_m_(ScanFolder::MaxCoordinate_m(map_options)),
       map_options_(map_options),
       layer_(layer),
       earlier_tiles_(layer.Snapshot().tiles),
       is_continued_(layer.tiles().size() > 0),
       max_tiles_((size_t{config.service().max_map_mb()} << 20) / sizeof(Tile)),
-      beam_model_(BeamModelOptionsOf(config.method()), map_options.knot_interval_m),
+      max_archive_bytes_(size_t{config.service().max_archive_mb()} << 20),
+      archive_(std::move(archive)),
+      beam_model_(BeamModelOptionsOf(config.method())),
+      folder_(map_options),
       queue_(ScanQueueOptionsOf(config.timing()), config.scan_size()),
       noticed_(queue_.counts()) {
+  if (max_archive_bytes_ == 0) KeepNoScans();
   if (!pose_channel_.empty()) channels_.push_back(pose_channel_);
   for (const config::Scan& scan : config.scan()) {
     channels_.push_back(scan.channel());
@@ -192,37 +192,78 @@ void Mapper::HandlePose(absl::Span<const uint8_t> message) {
 }
 
 void Mapper::MapReadyScans() {
-  while (const std::optional<PlacedScan> scan = queue_.Next()) MapScan(*scan);
+  while (std::optional<PosedScan> scan = queue_.Next()) MapScan(*std::move(scan));
   NoticeQueueDrops();
 }
 
-void Mapper::MapScan(const PlacedScan& scan) {
+void Mapper::MapScan(PosedScan scan) {
   ScanChannel& channel = scan_channels_[scan.channel];
   const std::string& name = channel.config.channel();
   if (layer_.tiles().size() >= max_tiles_) {
     Drop(DropReason::kMapFull, name, DropExplanation(DropReason::kMapFull));
     return;
   }
-  if (!HasMoved(channel, scan.world_T_robot)) {
+  Place(scan, archive_.map_T_world, placed_);
+  if (!HasMoved(channel, placed_.map_T_robot)) {
     ++counts_.drops[DropReason::kStoodStill];  // as configured: nothing to say
     return;
   }
-  CheckAgainstMap(channel, scan);
-  beam_model_.Accumulate(scan.beams, scratch_);
-  scratch_.CommitTo(layer_, map_options_.limits);
+  if (const absl::Status can_be = folder_.Check(placed_); !can_be.ok()) {
+    Drop(DropReason::kPoseOutOfRange, name, ErrorText(can_be));
+    return;
+  }
+  CheckAgainstMap(channel, placed_);
+  folder_.Fold(placed_, beam_model_, layer_);
   ++counts_.scans_mapped;
   counts_.beams_mapped += static_cast<int64_t>(scan.beams.size());
   newest_scan_utime_ = scan.utime;
-  channel.last_world_T_robot = scan.world_T_robot;
+  channel.last_map_T_robot = placed_.map_T_robot;
+  Keep(std::move(scan));
 }
 
-bool Mapper::HasMoved(const ScanChannel& channel, const Pose2& world_T_robot) const {
+void Mapper::Keep(PosedScan scan) {
+  if (max_archive_bytes_ == 0) {
+    ++archive_.base.scans;
+    archive_.base.newest = std::max(archive_.base.newest, scan.utime);
+    return;
+  }
+  archive_.Add(std::make_shared<PosedScan>(std::move(scan)), beam_model_);
+  Shorten(archive_, max_archive_bytes_, map_options_);
+}
+
+// What was kept is in the layer for good.
+void Mapper::KeepNoScans() {
+  ScanArchive::Base& base = archive_.base;
+  archive_.ForEachPose([&](const ScanPose& pose) {
+    ++base.scans;
+    base.newest = std::max(base.newest, pose.utime);
+  });
+  ScanArchive none;
+  none.map_T_world = archive_.map_T_world;
+  none.base = {layer_.Snapshot().tiles, archive_.map_T_world, base.scans, base.newest};
+  archive_ = std::move(none);
+}
+
+void Mapper::ReplaceArchive(ScanArchive archive) {
+  archive_ = std::move(archive);
+  earlier_tiles_ = layer_.Snapshot().tiles;
+  scans_since_earlier_ = 0;
+}
+
+LayerSnapshot Mapper::Snapshot() {
+  LayerSnapshot layer = layer_.Snapshot();
+  if (max_archive_bytes_ == 0) archive_.base.tiles = layer.tiles;
+  layer.archive = std::make_shared<ScanArchive>(archive_);
+  return layer;
+}
+
+bool Mapper::HasMoved(const ScanChannel& channel, const Pose2& map_T_robot) const {
   const SensorOptions& options = *channel.options;
   const bool is_filtered = options.min_travel_m > 0 || options.min_turn_rad > 0;
-  if (!is_filtered || !channel.last_world_T_robot) return true;
-  const Pose2& last = *channel.last_world_T_robot;
-  const double travel_m = (world_T_robot.position_m - last.position_m).norm();
-  const double turn_rad = std::abs(WrapAngle(world_T_robot.yaw_rad - last.yaw_rad));
+  if (!is_filtered || !channel.last_map_T_robot) return true;
+  const Pose2& last = *channel.last_map_T_robot;
+  const double travel_m = (map_T_robot.position_m - last.position_m).norm();
+  const double turn_rad = std::abs(WrapAngle(map_T_robot.yaw_rad - last.yaw_rad));
   return (options.min_travel_m > 0 && travel_m >= options.min_travel_m) ||
          (options.min_turn_rad > 0 && turn_rad >= options.min_turn_rad);
 }

@@ -11,14 +11,14 @@
 #include "lib/config/config.h"
 #include "lib/diagnosis/reading_statistics.h"
 #include "lib/diagnosis/sensor_option_search.h"
-#include "lib/mapping/beam_model.h"
-#include "lib/mapping/scan_scratch.h"
+#include "lib/mapping/fold.h"
 #include "lib/pipeline/notice.h"
 #include "lib/sensing/drop_counts.h"
 #include "lib/sensing/scan_queue.h"
 #include "lib/wire/message_type.h"
 #include "splinemap/layer.h"
 #include "splinemap/map_view.h"
+#include "splinemap/scan_archive.h"
 
 namespace splinemap {
 
@@ -40,8 +40,17 @@ struct MapperCounts {
 // Thread-compatible.
 class Mapper {
  public:
-  // Requires CheckConfig(config).ok(). `layer` outlives the mapper.
-  Mapper(const config::Config& config, MapOptions map_options, Layer& layer);
+  // Requires CheckConfig(config).ok(). `layer` outlives the mapper and goes on; it is the fold of
+  // `archive`.
+  Mapper(const config::Config& config, MapOptions map_options, Layer& layer,
+         ScanArchive archive = {});
+
+  // The scans that the layer is made of.
+  const ScanArchive& archive() const { return archive_; }
+  // Where the layer was replaced by another fold, or cleared.
+  void ReplaceArchive(ScanArchive archive);
+  // The layer with its archive.
+  LayerSnapshot Snapshot();
 
   // The channels to feed.
   const std::vector<std::string>& channels() const { return channels_; }
@@ -72,8 +81,8 @@ class Mapper {
     std::map<MessageType, std::string> detected_presets;
     std::string better_options;  // if there are any, in words
     ReadingStatistics readings;
-    std::optional<Utime> newest_utime;        // of its scans, time offset included
-    std::optional<Pose2> last_world_T_robot;  // of its last scan mapped
+    std::optional<Utime> newest_utime;      // of its scans, time offset included
+    std::optional<Pose2> last_map_T_robot;  // of its last scan mapped
     int scans_before_flags = 0;
     int disagreeing_in_a_row = 0;  // scans whose hits lie in free space
     bool has_no_poses = false;     // many scans in a row had no pose
@@ -84,8 +93,10 @@ class Mapper {
   void HandleExtrinsics(ScanChannel& channel, absl::Span<const uint8_t> message);
   bool ChooseOptions(ScanChannel& channel, MessageType type, const RangeReadings& readings);
   void MapReadyScans();
-  void MapScan(const PlacedScan& scan);
-  bool HasMoved(const ScanChannel& channel, const Pose2& world_T_robot) const;
+  void MapScan(PosedScan scan);
+  void Keep(PosedScan scan);
+  void KeepNoScans();
+  bool HasMoved(const ScanChannel& channel, const Pose2& map_T_robot) const;
   void Drop(DropReason reason, const std::string& channel, const std::string& explanation);
   void Find(Problem problem, const std::string& channel, std::string text);
   void NoticeQueueDrops();
@@ -108,9 +119,12 @@ class Mapper {
   bool is_continued_;  // earlier_tiles_ were there before the first scan
   int scans_since_earlier_ = 0;
   size_t max_tiles_;
-  BeamModel beam_model_;
+  const size_t max_archive_bytes_;
+  ScanArchive archive_;
+  BeamModelOptions beam_model_;
+  ScanFolder folder_;
+  PlacedScan placed_;
   ScanQueue queue_;
-  ScanScratch scratch_;
   MapperCounts counts_;
   Utime newest_scan_utime_{0};
   ScanQueueCounts noticed_;  // counts of queue_ that were noticed

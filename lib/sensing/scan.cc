@@ -115,8 +115,7 @@ bool IsTiltedTooMuch(const Eigen::Vector3d& up_robot) {
 }
 
 // A beam's direction d in the robot's frame is Ry(pitch) Rx(roll) d in the world, before its yaw.
-void Tilt(absl::Span<const Beam> beams, double sensor_yaw_rad, const Eigen::Vector3d& up_robot,
-          std::vector<PlacedBeam>& placed) {
+void Level(double sensor_yaw_rad, const Eigen::Vector3d& up_robot, absl::Span<Beam> beams) {
   // Half a degree: a beam of 30 m gets a millimetre shorter.
   constexpr double kLevelUp = 0.99996;
   if (up_robot.z() >= kLevelUp) return;
@@ -124,17 +123,12 @@ void Tilt(absl::Span<const Beam> beams, double sensor_yaw_rad, const Eigen::Vect
   const double cos_pitch = std::sqrt(1 - sin_pitch * sin_pitch);
   const double sin_roll = up_robot.y() / cos_pitch;
   const double cos_roll = up_robot.z() / cos_pitch;
-  for (size_t k = 0; k < beams.size(); ++k) {
-    const Eigen::Vector2d level = UnitVector(sensor_yaw_rad + double{beams[k].bearing_rad});
-    const Eigen::Vector2d tilted(cos_pitch * level.x() + sin_pitch * sin_roll * level.y(),
-                                 cos_roll * level.y());
-    const double share = std::sqrt(tilted.squaredNorm());
-    // The turn from `level` to `tilted`.
-    const double c = level.dot(tilted) / share;
-    const double s = (level.x() * tilted.y() - level.y() * tilted.x()) / share;
-    const Eigen::Vector2d d = placed[k].direction_world;
-    placed[k].direction_world = {c * d.x() - s * d.y(), s * d.x() + c * d.y()};
-    placed[k].range_m *= share;
+  for (Beam& beam : beams) {
+    const Eigen::Vector2d d = UnitVector(sensor_yaw_rad + double{beam.bearing_rad});
+    const double x = cos_pitch * d.x() + sin_pitch * sin_roll * d.y();
+    const double y = cos_roll * d.y();
+    beam.bearing_rad = static_cast<float>(WrapAngle(AngleOf(x, y) - sensor_yaw_rad));
+    beam.range_m *= static_cast<float>(std::sqrt(x * x + y * y));
   }
 }
 
@@ -167,6 +161,7 @@ absl::StatusOr<Scan> PrepareScan(const RangeReadings& readings, const SensorOpti
           "a beam time more than 2 s away from the scan's; set beam_times: false");
     }
     beam->time_offset = *time_offset;
+    beam->reading = static_cast<uint16_t>(k);
     scan.first_beam = std::min(scan.first_beam, beam->time_offset);
     scan.last_beam = std::max(scan.last_beam, beam->time_offset);
     scan.beams.push_back(*beam);

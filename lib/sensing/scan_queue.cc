@@ -51,7 +51,7 @@ void ScanQueue::Flush() {
   DropHeld();
   Drain(true);
   poses_.Clear();
-  last_placed_.reset();
+  last_posed_.reset();
   std::fill(newest_scan_.begin(), newest_scan_.end(), std::nullopt);
 }
 
@@ -60,9 +60,9 @@ size_t ScanQueue::size() const {
                                          [](const auto& held) { return held.has_value(); });
 }
 
-std::optional<PlacedScan> ScanQueue::Next() {
+std::optional<PosedScan> ScanQueue::Next() {
   if (ready_.empty()) return std::nullopt;
-  PlacedScan scan = std::move(ready_.front());
+  PosedScan scan = std::move(ready_.front());
   ready_.pop_front();
   return scan;
 }
@@ -122,7 +122,7 @@ void ScanQueue::HandleScan(Scan scan) {
     return;
   }
   newest = std::max(newest.value_or(scan.utime), scan.utime);
-  if (last_placed_ && key <= *last_placed_) {
+  if (last_posed_ && key <= *last_posed_) {
     // A clock that is far behind is worth other words than a message that came late.
     if (poses_.empty() || scan.utime < poses_.oldest()) {
       CountWithoutPose(scan);
@@ -146,7 +146,7 @@ ScanQueue::Fate ScanQueue::Judge(const Scan& scan) const {
   if (!poses_.empty() && poses_.newest() >= last) {
     // The next pose tells whether the newest is one.
     if (poses_.newest() == last && poses_.IsInJump(last)) return Fate::kWait;
-    return poses_.oldest() <= first ? Fate::kPlace : Fate::kNoPose;
+    return poses_.oldest() <= first ? Fate::kPose : Fate::kNoPose;
   }
   const Utime newest_scan = newest_scan_[scan.channel].value_or(scan.utime);
   return newest_scan >= last + options_.max_pose_wait ? Fate::kNoPose : Fate::kWait;
@@ -162,13 +162,13 @@ void ScanQueue::Drain(bool end_of_input) {
   while (!waiting_.empty()) {
     const Scan& scan = waiting_.begin()->second;
     Fate fate = Judge(scan);
-    if (fate == Fate::kPlace && !end_of_input && !OtherChannelsReached(scan)) fate = Fate::kWait;
+    if (fate == Fate::kPose && !end_of_input && !OtherChannelsReached(scan)) fate = Fate::kWait;
     if (fate == Fate::kWait) {
       if (!end_of_input) return;
       fate = Fate::kNoPose;
     }
-    if (fate == Fate::kPlace) {
-      Place(scan);
+    if (fate == Fate::kPose) {
+      Pose(scan);
     } else {
       CountWithoutPose(scan);
     }
@@ -176,15 +176,15 @@ void ScanQueue::Drain(bool end_of_input) {
   }
 }
 
-void ScanQueue::Place(const Scan& scan) {
+void ScanQueue::Pose(Scan scan) {
   counts_.without_pose_in_a_row[scan.channel] = 0;
-  PlacedScan placed;
-  placed.channel = scan.channel;
-  placed.utime = scan.utime;
-  std::vector<Pose2> poses;  // of the sensor, by beam
-  poses.reserve(scan.beams.size());
+  // first_beam <= 0 <= last_beam: poses are on both sides of the scan's own time, too.
+  const Pose2 world_T_robot = Interpolate(*poses_.Find(scan.utime), scan.utime);
+  PosedScan posed{scan.channel, scan.utime, FixedPose2::Nearest(world_T_robot), {}, {}};
+  const Pose2 robot_T_world = Inverse(posed.world_T_robot.ToPose());
   std::optional<Utime> pose_time;
-  Pose2 world_T_sensor;
+  FixedPose2 robot_T_sensor;
+  bool moved = false;
   for (const Beam& beam : scan.beams) {
     if (const Utime utime = scan.utime + beam.time_offset; pose_time != utime) {
       const PoseBuffer::Bracket bracket = *poses_.Find(utime);  // Judge() saw that it is there
@@ -196,23 +196,26 @@ void ScanQueue::Place(const Scan& scan) {
         ++counts_.drops[DropReason::kScanInPoseJump];
         return;
       }
-      world_T_sensor = Interpolate(bracket, utime) * scan.robot_T_sensor;
+      // Not by way of the world where nothing moved: rounding is seen there.
+      robot_T_sensor = FixedPose2::Nearest(
+          utime == scan.utime ? scan.robot_T_sensor
+                              : robot_T_world * Interpolate(bracket, utime) * scan.robot_T_sensor);
       pose_time = utime;
     }
-    poses.push_back(world_T_sensor);
+    moved = moved || (!posed.robot_T_sensor.empty() && robot_T_sensor != posed.robot_T_sensor[0]);
+    posed.robot_T_sensor.push_back(robot_T_sensor);
   }
-  // first_beam <= 0 <= last_beam: poses are on both sides of the scan's own time, too.
-  const PoseBuffer::Bracket bracket = *poses_.Find(scan.utime);
-  const Eigen::Vector3d up_robot = InterpolateUp(bracket, scan.utime);
+  if (!moved) posed.robot_T_sensor.resize(1, FixedPose2::Nearest(scan.robot_T_sensor));
+  const Eigen::Vector3d up_robot = InterpolateUp(*poses_.Find(scan.utime), scan.utime);
   if (IsTiltedTooMuch(up_robot)) {
     ++counts_.drops[DropReason::kTiltedScan];
     return;
   }
-  splinemap::Place(scan.beams, poses, placed.beams);
-  Tilt(scan.beams, scan.robot_T_sensor.yaw_rad, up_robot, placed.beams);
-  placed.world_T_robot = Interpolate(bracket, scan.utime);
-  last_placed_ = {scan.utime, scan.channel};
-  ready_.push_back(std::move(placed));
+  posed.beams = std::move(scan.beams);
+  for (Beam& beam : posed.beams) beam.time_offset = Utime(0);
+  Level(scan.robot_T_sensor.yaw_rad, up_robot, absl::MakeSpan(posed.beams));
+  last_posed_ = {posed.utime, posed.channel};
+  ready_.push_back(std::move(posed));
 }
 
 void ScanQueue::CountWithoutPose(const Scan& scan) {

@@ -9,7 +9,7 @@
 
 #include "lib/sensing/drop_counts.h"
 #include "lib/sensing/pose_buffer.h"
-#include "splinemap/scan.h"
+#include "splinemap/posed_scan.h"
 
 namespace splinemap {
 
@@ -29,14 +29,6 @@ struct ScanQueueOptions {
   Utime time_jump = std::chrono::seconds(1);
 };
 
-// A scan whose beams stand in the world.
-struct PlacedScan {
-  int channel = 0;
-  Utime utime{0};
-  Pose2 world_T_robot;  // at utime
-  std::vector<PlacedBeam> beams;
-};
-
 // Totals since construction.
 struct ScanQueueCounts {
   DropCounts drops;
@@ -44,11 +36,11 @@ struct ScanQueueCounts {
   std::optional<int> jumped_channel;  // the last to jump: a scan channel, or else the poses
   int64_t pose_jumps = 0;             // places, not times
   std::optional<std::pair<TimedPose, TimedPose>> last_pose_jump;  // from, to
-  // By channel: scans without pose since the last one that was placed.
+  // By channel: scans without pose since the last one that was posed.
   std::vector<int64_t> without_pose_in_a_row;
 };
 
-// Brings scans into order of (utime, channel) and places their beams by interpolated poses. What
+// Brings scans into order of (utime, channel) and gives them interpolated poses. What
 // comes out depends on the messages and their order alone, never on the time they take to process.
 //
 // A scan comes out when poses bracket all its beams and every scan channel has reached its time (or
@@ -66,7 +58,7 @@ class ScanQueue {
   void Flush();
 
   // The next scan in order, or nothing until more messages come.
-  std::optional<PlacedScan> Next();
+  std::optional<PosedScan> Next();
 
   size_t size() const;
   const ScanQueueCounts& counts() const { return counts_; }
@@ -87,11 +79,11 @@ class ScanQueue {
   void HandlePose(const TimedPose& pose);
   void HandleScan(Scan scan);
 
-  enum class Fate { kWait, kPlace, kNoPose };
+  enum class Fate { kWait, kPose, kNoPose };
   Fate Judge(const Scan& scan) const;
   bool OtherChannelsReached(const Scan& scan) const;
   void Drain(bool end_of_input);
-  void Place(const Scan& scan);
+  void Pose(Scan scan);
   void CountWithoutPose(const Scan& scan);
   void DropOldest();
 
@@ -105,8 +97,8 @@ class ScanQueue {
   std::optional<TimedPose> held_pose_;
   std::optional<TimedPose> last_pose_;
   std::vector<std::optional<Scan>> held_scans_;  // by channel
-  std::optional<Key> last_placed_;
-  std::deque<PlacedScan> ready_;
+  std::optional<Key> last_posed_;
+  std::deque<PosedScan> ready_;
   ScanQueueCounts counts_;
 };
 

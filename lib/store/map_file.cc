@@ -157,6 +157,7 @@ absl::StatusOr<MapFile> MapFile::OpenDatabase(const std::string& path, std::uniq
     }
     schema = CheckSchema(path, *file.database_);
     if (!schema.ok() || !is_writer) return schema;
+    UpgradeSchema(*file.database_);
     file.database_->exec("PRAGMA journal_mode = WAL");
     file.database_->exec("PRAGMA synchronous = FULL");
     return absl::OkStatus();
@@ -216,14 +217,18 @@ absl::StatusOr<MapFile> MapFile::OpenReadOnly(const std::string& path) {
 absl::StatusOr<LoadedMap> MapFile::Load() {
   absl::StatusOr<LoadedMap> loaded;  // no map
   if (damage_.ok()) {
+    SavedArchives archives;
     loaded = WithStatus(path_, [&]() -> absl::StatusOr<LoadedMap> {
       if (!database_) return FailedPrecondition("{} is closed", path_);
       SQLite::Transaction transaction(*database_);  // one state, though another process may write
-      return ReadMap(path_, *database_);
+      return ReadMap(path_, *database_, &archives);
     });
     if (loaded.ok() && loaded->corruption.empty()) {
       saved_ = SavedLayersOf(loaded->set);
-      for (SavedLayer& layer : saved_) layer.tree_lineage = 0;  // an editor of the caller's goes on
+      for (SavedLayer& layer : saved_) {
+        layer.tree_lineage = 0;  // an editor of the caller's goes on
+        layer.archive = archives[layer.id];
+      }
       return loaded;
     }
     if (!loaded.ok() && !absl::IsDataLoss(loaded.status())) return loaded;

@@ -27,7 +27,8 @@ namespace splinemap {
 namespace {
 
 constexpr int kApplicationId = 0x53504c4d;  // "SPLM"
-constexpr int kSchemaVersion = 3;
+constexpr int kSchemaVersion = 4;
+constexpr int kArchiveVersion = 4;       // from which on there are archives
 constexpr int kOldestSchemaVersion = 2;  // whose rows and records say less
 
 // From here on the record of the map has no more copies of those of layers: rows are bounded.
@@ -59,6 +60,10 @@ constexpr const char* kSchema = R"(
 // SQLite's integers are signed.
 int64_t ToSql(uint64_t value) { return static_cast<int64_t>(value); }
 uint64_t FromSql(int64_t value) { return static_cast<uint64_t>(value); }
+
+int VersionOf(SQLite::Database& database) {
+  return database.execAndGet("PRAGMA user_version").getInt();
+}
 
 std::vector<std::string> Tables(SQLite::Database& database) {
   SQLite::Statement query(database, "SELECT coalesce(sql, name) FROM sqlite_schema ORDER BY name");
@@ -240,6 +245,7 @@ class MapReader {
     if (!map_record_)
       return DataLoss("{} is damaged: no record of its knot interval is left", path_);
     set_.options = *OptionsOf(*map_record_);
+    archives_.emplace(set_.options.limits);
     for (const store::LayerRecord& copy : map_record_->layer()) {
       if (records_.try_emplace(copy.row(), copy).second) {
         Damage(fmt::format("the record of layer {} cannot be read; its copy is used",
@@ -275,9 +281,20 @@ class MapReader {
     }
   }
 
+  // Valid after BeginTiles().
+  ArchiveReader& archives() { return *archives_; }
+  // Valid after Finish().
+  const SavedArchives& saved_archives() const { return saved_archives_; }
+
   LoadedMap Finish() {
+    std::map<LayerId, std::shared_ptr<const ScanArchive>> archives;
     for (const auto& [row, reading] : layers_) {
       const store::LayerRecord& record = records_.at(row);
+      const ArchiveReader::Result result = archives_->Finish(
+          record.has_archive() ? &record.archive() : nullptr, reading.layer->Snapshot().tiles);
+      for (const std::string& damage : result.damage) DamageOf(reading, damage);
+      archives[reading.layer->id()] = result.archive;
+      saved_archives_[reading.layer->id()] = result.saved;
       if (reading.tally == TileTally{record.tiles(), record.tiles_digest()}) continue;
       DamageOf(reading, fmt::format("the tiles are not those that were saved: {} in place of {}, "
                                     "or other revisions",
@@ -305,7 +322,10 @@ class MapReader {
       Damage(fmt::format("a setting about layer {} cannot be", Shown(id.name)));
     }
     set_.settings = std::move(settings);
-    for (Layer& layer : read_) set_.layers.push_back(layer.Snapshot());
+    for (Layer& layer : read_) {
+      set_.layers.push_back(layer.Snapshot());
+      set_.layers.back().archive = archives.at(layer.id());
+    }
     return {std::move(set_), std::move(corruption_), {}};
   }
 
@@ -356,6 +376,8 @@ class MapReader {
   LayerSet set_;
   std::deque<Layer> read_;
   std::map<int64_t, Reading> layers_;
+  std::optional<ArchiveReader> archives_;
+  SavedArchives saved_archives_;
   std::vector<std::string> corruption_;
 };
 
@@ -512,7 +534,7 @@ std::vector<SavedLayer> SavedLayersOf(const LayerSet& map) {
   std::vector<SavedLayer> saved;
   for (const LayerSnapshot& layer : map.layers) {
     saved.push_back(
-        {layer.id, layer.tiles.version(), layer.tiles.lineage(), layer.tiles.size(), {}});
+        {layer.id, layer.tiles.version(), layer.tiles.lineage(), layer.tiles.size(), {}, {}});
   }
   return saved;
 }
@@ -525,14 +547,24 @@ void MakeSchema(SQLite::Database& database) {
   database.exec("PRAGMA page_size = 4096");  // ForEachRowOfPages() relies on it
   SQLite::Transaction transaction(database);
   database.exec(kSchema);
+  database.exec(kArchiveTables);
   database.exec(fmt::format("PRAGMA application_id = {}", kApplicationId));
+  database.exec(fmt::format("PRAGMA user_version = {}", kSchemaVersion));
+  transaction.commit();
+}
+
+void UpgradeSchema(SQLite::Database& database) {
+  if (VersionOf(database) >= kArchiveVersion) return;
+  SQLite::Transaction transaction(database, SQLite::TransactionBehavior::IMMEDIATE);
+  database.exec(kArchiveTables);
   database.exec(fmt::format("PRAGMA user_version = {}", kSchemaVersion));
   transaction.commit();
 }
 
 absl::Status CheckSchema(const std::string& path, SQLite::Database& database) {
   SQLite::Database expected(":memory:", SQLite::OPEN_READWRITE);
-  MakeSchema(expected);
+  expected.exec(kSchema);
+  if (VersionOf(database) >= kArchiveVersion) expected.exec(kArchiveTables);
   const std::vector<std::string> tables = Tables(database);
   const std::vector<std::string> our_tables = Tables(expected);
   const bool has_our_id = database.execAndGet("PRAGMA application_id").getInt() == kApplicationId;
@@ -545,7 +577,7 @@ absl::Status CheckSchema(const std::string& path, SQLite::Database& database) {
   if (!has_our_id) {
     return InvalidArgument("{} is no map file: it is a database of another program", path);
   }
-  const int version = database.execAndGet("PRAGMA user_version").getInt();
+  const int version = VersionOf(database);
   if (version < kOldestSchemaVersion || version > kSchemaVersion) {
     return FailedPrecondition("{} has schema {} and was made by {} splinemap; this one knows {}",
                               path, version, version > kSchemaVersion ? "a newer" : "an older",
@@ -557,7 +589,8 @@ absl::Status CheckSchema(const std::string& path, SQLite::Database& database) {
   return absl::OkStatus();
 }
 
-absl::StatusOr<LoadedMap> ReadMap(const std::string& path, SQLite::Database& database) {
+absl::StatusOr<LoadedMap> ReadMap(const std::string& path, SQLite::Database& database,
+                                  SavedArchives* archives) {
   MapReader reader(path);
   SQLite::Statement map_row(database, "SELECT record FROM map");
   while (map_row.executeStep()) reader.ReadMapRow(map_row.getColumn(0).getString());
@@ -578,7 +611,10 @@ absl::StatusOr<LoadedMap> ReadMap(const std::string& path, SQLite::Database& dat
     }
     tiles.reset();
   }
-  return reader.Finish();
+  if (VersionOf(database) >= kArchiveVersion) reader.archives().Read(database);
+  LoadedMap loaded = reader.Finish();
+  if (archives != nullptr) *archives = reader.saved_archives();
+  return loaded;
 }
 
 absl::StatusOr<LoadedMap> ReadMapOfPages(const std::string& path) {
@@ -592,13 +628,23 @@ absl::StatusOr<LoadedMap> ReadMapOfPages(const std::string& path) {
         }
       }));
   SPLINEMAP_RETURN_IF_ERROR(reader.BeginTiles());
-  SPLINEMAP_RETURN_IF_ERROR(
-      ForEachRowOfPages(path, [&](int64_t, absl::Span<const PageColumn> columns) {
-        if (!HasForm(columns, kTileForm)) return;
-        reader.HandleTile({columns[0].integer, columns[1].integer, columns[2].integer,
-                           FromSql(columns[3].integer), FromSql(columns[4].integer),
-                           std::string(columns[5].bytes)});
-      }));
+  SPLINEMAP_RETURN_IF_ERROR(ForEachRowOfPages(path, [&](int64_t,
+                                                        absl::Span<const PageColumn> columns) {
+    if (HasForm(columns, kTileForm)) {
+      reader.HandleTile({columns[0].integer, columns[1].integer, columns[2].integer,
+                         FromSql(columns[3].integer), FromSql(columns[4].integer),
+                         std::string(columns[5].bytes)});
+    } else if (HasForm(columns, kBeamsForm)) {
+      reader.archives().HandleBeams(columns[0].integer, columns[1].integer,
+                                    FromSql(columns[3].integer), std::string(columns[2].bytes));
+    } else if (HasForm(columns, kPosesForm)) {
+      reader.archives().HandlePoses(columns[0].integer, columns[1].integer,
+                                    FromSql(columns[2].integer), std::string(columns[3].bytes));
+    } else if (HasForm(columns, kBaseTileForm)) {
+      reader.archives().HandleBaseTile(columns[0].integer, columns[1].integer, columns[2].integer,
+                                       FromSql(columns[3].integer), std::string(columns[4].bytes));
+    }
+  }));
   return reader.Finish();
 }
 
@@ -632,11 +678,13 @@ Written WriteMap(const LayerSet& map, const std::vector<SavedLayer>& saved,
           fmt::format("layer {} that cannot be: {}", Shown(layer.id.name), ErrorText(status)));
       continue;
     }
-    SavedLayer state{
-        layer.id, layer.tiles.version(), layer.tiles.lineage(), layer.tiles.size(), {}};
+    SavedLayer state{layer.id, layer.tiles.version(), layer.tiles.lineage(), layer.tiles.size(), {},
+                     {}};
     uint64_t since = 0;
     int64_t row = 0;
+    SavedArchive saved_archive;
     for (const SavedLayer& known : saved) {
+      if (known.id == layer.id) saved_archive = known.archive;
       const auto known_row = known_rows.find(known.id);
       if (!known.GoesOnAs(layer) || known_row == known_rows.end()) continue;
       row = known_row->second;
@@ -653,9 +701,16 @@ Written WriteMap(const LayerSet& map, const std::vector<SavedLayer>& saved,
                       state.left_out.size(), Shown(layer.id.name), first.tx, first.ty));
     }
     records.push_back(LayerRecordOf(layer, row, state.left_out));
+    if (layer.archive != nullptr) {
+      state.archive = WriteArchive(*layer.archive, layer.tiles, saved_archive,
+                                   *records.back().mutable_archive(), database);
+    }
     written.saved.push_back(std::move(state));
   }
   DeleteSomeOld(rows, database);
+  std::vector<int64_t> archives;
+  for (const SavedLayer& layer : written.saved) archives.push_back(layer.archive.id);
+  DeleteOtherArchives(archives, database);
   store::MapRecord map_record = MapRecordOf(map, records.size(), written.left_out);
   database.exec("DELETE FROM layer");
   SQLite::Statement put_layer(database,

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <set>
 #include <string>
@@ -8,6 +9,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "lib/store/archive_rows.h"
 #include "splinemap/file.h"
 #include "splinemap/layer_set.h"
 
@@ -27,6 +29,7 @@ struct SavedLayer {
   uint64_t tree_lineage = 0;  // 0 where it was loaded, and somebody else goes on with it
   size_t num_tiles = 0;
   std::set<TileKey> left_out;  // they cannot be
+  SavedArchive archive{};
 
   // Whether `layer` has all of its tiles, so that only changes are to be written; it may have
   // another name by now.
@@ -37,6 +40,8 @@ std::vector<SavedLayer> SavedLayersOf(const LayerSet& map);
 // True for a database that nobody has used yet.
 bool IsUnused(SQLite::Database& database);
 void MakeSchema(SQLite::Database& database);
+// Makes the tables of today in a database of an older version that CheckSchema() accepts.
+void UpgradeSchema(SQLite::Database& database);
 // Another program's database (InvalidArgument), another version (FailedPrecondition), or other
 // tables than MakeSchema() makes: what they are might run when they are read. DataLoss where that
 // looks like damage: the pages can be read then, which runs nothing.
@@ -45,7 +50,10 @@ absl::Status CheckSchema(const std::string& path, SQLite::Database& database);
 // What can be read of a map, and what cannot. A damaged record of the map or of a layer is replaced
 // by its copy, if the file has one; of a record that cannot be true only what cannot be is left
 // out. NotFound where there is no map; DataLoss where nothing says what its options are.
-absl::StatusOr<LoadedMap> ReadMap(const std::string& path, SQLite::Database& database);
+// `archives` becomes which rows hold them.
+using SavedArchives = std::map<LayerId, SavedArchive>;
+absl::StatusOr<LoadedMap> ReadMap(const std::string& path, SQLite::Database& database,
+                                  SavedArchives* archives = nullptr);
 // The same from the pages of the file, for a database that is damaged. Reads the file that SQLite
 // may have open, and so ends its locks.
 absl::StatusOr<LoadedMap> ReadMapOfPages(const std::string& path);

@@ -50,14 +50,16 @@ void PlacedScans::HandleScan(int index, absl::Span<const uint8_t> message, Utime
 
 std::vector<std::pair<std::string, ShownScan>> PlacedScans::Take() {
   std::vector<std::pair<std::string, ShownScan>> taken;
-  while (const std::optional<PlacedScan> placed = queue_.Next()) {
+  PlacedScan placed;
+  while (const std::optional<PosedScan> posed = queue_.Next()) {
+    Place(*posed, {}, placed);
     ShownScan scan;
-    if (!placed->beams.empty()) scan.sensor_m = placed->beams.front().origin_world_m;
-    for (const PlacedBeam& beam : placed->beams) {
+    if (!placed.beams.empty()) scan.sensor_m = placed.beams.front().origin_world_m;
+    for (const PlacedBeam& beam : placed.beams) {
       if (beam.hit)
         scan.hits_m.push_back(beam.origin_world_m + beam.range_m * beam.direction_world);
     }
-    taken.emplace_back(channels_[placed->channel].config.channel(), std::move(scan));
+    taken.emplace_back(channels_[placed.channel].config.channel(), std::move(scan));
   }
   return taken;
 }

@@ -23,6 +23,12 @@ TEST(Pose2Test, CompositionAppliesTheInnerPoseFirst) {
   EXPECT_NEAR(p.y(), 5, 1e-12);
 }
 
+TEST(Pose2Test, AnInverseLeadsBack) {
+  const Pose2 back = Inverse({{1, -2}, 0.7}) * Pose2{{1, -2}, 0.7};
+  EXPECT_LT(back.position_m.norm(), 1e-12);
+  EXPECT_EQ(back.yaw_rad, 0);
+}
+
 TEST(Pose2Test, InterpolationTurnsTheShorterWay) {
   const Pose2 a{{0, 0}, 0.9 * kPi};
   const Pose2 b{{2, 4}, -0.9 * kPi};

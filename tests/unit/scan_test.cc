@@ -215,9 +215,10 @@ TEST(TiltTest, BeamsAreThoseOfTheRotatedPlaneSeenFromAbove) {
       std::vector<Beam> beams;
       for (int k = -6; k < 6; ++k)
         beams.push_back({5, 0.5F * static_cast<float>(k), Utime(0), true});
+      std::vector<Beam> leveled = beams;
+      Level(sensor_yaw, world_R_robot.row(2).transpose(), absl::MakeSpan(leveled));
       std::vector<PlacedBeam> placed;
-      Place(beams, std::vector<Pose2>{{{1, 2}, yaw + sensor_yaw}}, placed);
-      Tilt(beams, sensor_yaw, world_R_robot.row(2).transpose(), placed);
+      Place(leveled, std::vector<Pose2>{{{1, 2}, yaw + sensor_yaw}}, placed);
       for (size_t k = 0; k < beams.size(); ++k) {
         const double theta = sensor_yaw + beams[k].bearing_rad;
         const Eigen::Vector3d end =

@@ -25,8 +25,8 @@ struct LoadedMap {
 };
 
 // A map in a SQLite database, by convention NAME.splinemap: the record of the map, one per layer,
-// one row per tile (lib/store/README.md shows the schema). Each Save() is one transaction, so that a
-// crash at any moment leaves the state of one save. While open for writing there are two files
+// one row per tile (lib/store/README.md shows the schema). Each Save() is one transaction, so that
+// a crash at any moment leaves the state of one save. While open for writing there are two files
 // beside it (-wal, -shm). Thread-compatible.
 class MapFile {
  public:

@@ -19,7 +19,7 @@ struct FixedPose2 {
 
   auto operator<=>(const FixedPose2&) const = default;
 
-  // The nearest; requires numbers that are finite and positions within kMaxUnits.
+  // The nearest; requires finite numbers.
   static FixedPose2 Nearest(const Pose2& pose);
   // Its heading is in [-pi, pi).
   Pose2 ToPose() const;

@@ -2,6 +2,7 @@
 
 #include <compare>
 #include <cstdint>
+#include <memory>
 #include <string>
 
 #include "splinemap/tile.h"
@@ -29,12 +30,17 @@ struct SessionId {
 // The greatest number of a commit that may be said; no honest owner gets there.
 inline constexpr uint64_t kMaxRevision = uint64_t{1} << 61;
 
+class ScanArchive;
+
 // A layer that does not change any more. Thread-safe.
 struct LayerSnapshot {
   LayerId id;
   SessionId session;
   uint64_t revision = 0;  // commits so far
   TileTree tiles;
+  // The scans that the tiles are made of, for their owner and in files; null where they are not
+  // kept. Archives do not travel over LCM.
+  std::shared_ptr<const ScanArchive> archive{};
 };
 
 // What one source has measured, in its own frame. Thread-compatible.
@@ -73,6 +79,13 @@ class Layer {
   // tile or a newer one; the layer's revision grows with it. Requires IsInRange(key).
   void RestoreTile(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision);
   void RestoreRevision(uint64_t revision);
+
+  // Other tiles in place of those that are there, in another session: they are another fold.
+  void ReplaceTiles(SessionId session, TileTree tiles) {
+    StartSession(id_, session);
+    BeginCommit();
+    tiles_ = TileTreeEditor(std::move(tiles));
+  }
 
   LayerSnapshot Snapshot() { return {id_, session_, revision_, tiles_.Freeze()}; }
 

@@ -36,6 +36,7 @@ struct Beam {
   float bearing_rad = 0;  // counter-clockwise from the sensor's x axis
   Utime time_offset{0};   // from the scan's utime
   bool hit = true;        // false: free up to range_m, and nothing is known about what follows
+  uint16_t reading = 0;   // its number in the message
 };
 
 // A scan ready to be placed by poses.
@@ -67,9 +68,8 @@ bool IsTiltedTooMuch(const Eigen::Vector3d& up_robot);
 
 // Turns beams of a tilted robot, or of one that is upside down, out of its plane, and shortens them
 // to what they reach in the horizontal one; those of a robot that is level to half a degree stay.
-// `placed` are those of `beams`, of a sensor that is turned by `sensor_yaw_rad` on the robot.
-void Tilt(absl::Span<const Beam> beams, double sensor_yaw_rad, const Eigen::Vector3d& up_robot,
-          std::vector<PlacedBeam>& placed);
+// Their sensor is turned by `sensor_yaw_rad` on the robot.
+void Level(double sensor_yaw_rad, const Eigen::Vector3d& up_robot, absl::Span<Beam> beams);
 
 // Most beams of one scan. With it the sums of one scan cannot overflow; see ScanScratch.
 inline constexpr int kMaxBeams = 16384;

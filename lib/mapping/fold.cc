@@ -1,0 +1,101 @@
+#include "lib/mapping/fold.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "lib/base/status.h"
+
+namespace splinemap {
+namespace {
+
+bool IsEqual(const std::shared_ptr<const Tile>& a, const Tile* b) {
+  static const Tile kNothing;
+  return a.get() == b || *a == (b == nullptr ? kNothing : *b);
+}
+
+}  // namespace
+
+Fold::Fold(const ScanArchive& archive, const MapOptions& options)
+    : folder_(options),
+      layer_(LayerSnapshot{{}, {}, 0, archive.base.tiles}, {}),
+      first_scan_(archive.scans_added() - archive.num_scans()) {}
+
+absl::Status Fold::Continue(const ScanArchive& archive,
+                            const std::function<bool(int64_t)>& is_cancelled) {
+  const ScanArchive::Base& base = archive.base;
+  if (!base.IsEmpty() && base.map_T_world != archive.map_T_world) {
+    return FailedPrecondition(
+        "{} of the layer are not kept any more, and cannot be placed anew; max_archive_mb says how "
+        "many are kept",
+        base.scans > 0 ? fmt::format("the oldest {} scans", base.scans) : "the oldest scans");
+  }
+  absl::Status status;
+  archive.ForEachAfter(first_scan_ + scans_,
+                       [&](const PosedScan& scan, const BeamModelOptions& model) {
+                         if (!status.ok()) return;
+                         Place(scan, archive.map_T_world, placed_);
+                         status = folder_.Check(placed_);
+                         if (status.ok() && is_cancelled(scans_))
+                           status = absl::CancelledError("cancelled");
+                         if (!status.ok()) return;
+                         folder_.Fold(placed_, model, layer_);
+                         ++scans_;
+                       });
+  return status;
+}
+
+void Shorten(ScanArchive& archive, size_t max_bytes, const MapOptions& options) {
+  while (archive.bytes() > max_bytes) {
+    const std::shared_ptr<const ScanBlock> oldest = archive.TakeOldest();
+    if (oldest == nullptr) return;
+    ScanArchive::Base& base = archive.base;
+    if (base.IsEmpty()) base.map_T_world = archive.map_T_world;
+    ScanFolder folder(options);
+    Layer layer(LayerSnapshot{{}, {}, 0, base.tiles}, {});
+    PlacedScan placed;
+    for (const auto& scan : UnpackScans(*oldest)) {
+      Place(*scan, base.map_T_world, placed);
+      folder.Fold(placed, oldest->model, layer);
+      base.newest = std::max(base.newest, scan->utime);
+    }
+    base.tiles = layer.Snapshot().tiles;
+    base.scans += oldest->num_scans;
+  }
+}
+
+absl::StatusOr<TileTree> FoldArchive(const ScanArchive& archive, const MapOptions& options) {
+  Fold fold(archive, options);
+  SPLINEMAP_RETURN_IF_ERROR(fold.Continue(archive));
+  return fold.Tiles();
+}
+
+std::vector<TileKey> DifferentTiles(const TileTree& a, const TileTree& b) {
+  std::vector<TileKey> keys;
+  a.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    if (!IsEqual(entry.tile, b.Find(key))) keys.push_back(key);
+  });
+  b.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    if (a.Find(key) == nullptr && !IsEqual(entry.tile, nullptr)) keys.push_back(key);
+  });
+  return keys;
+}
+
+TileTree WithRevisionsOf(const TileTree& old, const TileTree& fresh, uint64_t revision) {
+  TileTreeEditor result;
+  fresh.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    const bool is_old = old.Find(key) != nullptr && IsEqual(entry.tile, old.Find(key));
+    result.Put(key, is_old ? old.Share(key) : entry.tile, is_old ? old.RevisionOf(key) : revision);
+  });
+  return result.Freeze();
+}
+
+absl::StatusOr<LayerSnapshot> Refolded(const LayerSnapshot& layer,
+                                       std::shared_ptr<const ScanArchive> archive,
+                                       const MapOptions& options, SessionId session) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const TileTree tiles, FoldArchive(*archive, options));
+  LayerSnapshot result{layer.id, session, layer.revision + 1, {}, std::move(archive)};
+  result.tiles = WithRevisionsOf(layer.tiles, tiles, result.revision);
+  return result;
+}
+
+}  // namespace splinemap

@@ -1,0 +1,41 @@
+#include "lib/mapping/scan_folder.h"
+
+#include <algorithm>
+
+#include "lib/base/status.h"
+#include "splinemap/fixed_pose2.h"
+
+namespace splinemap {
+
+double ScanFolder::MaxCoordinate_m(const MapOptions& options) {
+  return std::min(0.9 * kMaxKnotIndex * options.knot_interval_m,
+                  FixedPose2::kMaxUnits / FixedPose2::kUnitsPerMetre);
+}
+
+absl::Status ScanFolder::Check(const PlacedScan& scan) const {
+  if (const Eigen::Vector2d& p = scan.map_T_robot.position_m;
+      !(p.cwiseAbs().maxCoeff() <= MaxCoordinate_m(options_))) {
+    return InvalidArgument("a scan at ({}, {}) m; {:.0f} m is the most", p.x(), p.y(),
+                           MaxCoordinate_m(options_));
+  }
+  const double max_range_m = kMaxReachKnots * options_.knot_interval_m;
+  for (const PlacedBeam& beam : scan.beams) {
+    // Config says the same of range_max_m, up to rounding.
+    if (beam.range_m > 1.001 * max_range_m) {
+      return InvalidArgument("a beam of {:.1f} m; with knots {} m apart {:.1f} m are the most",
+                             beam.range_m, options_.knot_interval_m, max_range_m);
+    }
+  }
+  return absl::OkStatus();
+}
+
+void ScanFolder::Fold(const PlacedScan& scan, const BeamModelOptions& model, Layer& layer) {
+  if (!model_ || model_options_ != model) {
+    model_options_ = model;
+    model_.emplace(model, options_.knot_interval_m);
+  }
+  model_->Accumulate(scan.beams, scratch_);
+  scratch_.CommitTo(layer, options_.limits);
+}
+
+}  // namespace splinemap

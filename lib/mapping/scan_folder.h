@@ -1,0 +1,36 @@
+#pragma once
+
+#include <optional>
+
+#include "absl/status/status.h"
+#include "lib/mapping/beam_model.h"
+#include "lib/mapping/scan_scratch.h"
+#include "splinemap/layer_set.h"
+#include "splinemap/posed_scan.h"
+
+namespace splinemap {
+
+// Adds scans to layers, each in one commit: live as they come, and from archives. What comes out
+// depends on the scans, their order and the options alone. Thread-compatible.
+class ScanFolder {
+ public:
+  explicit ScanFolder(const MapOptions& options) : options_(options) {}
+
+  // InvalidArgument where a beam is longer than kMaxReachKnots, or the scan lies beyond
+  // kMaxKnotIndex.
+  absl::Status Check(const PlacedScan& scan) const;
+  // Requires Check().
+  void Fold(const PlacedScan& scan, const BeamModelOptions& model, Layer& layer);
+
+  static constexpr double kMaxReachKnots = 4096;
+  // Robots further out are refused, so that no beam leaves the range of kMaxKnotIndex.
+  static double MaxCoordinate_m(const MapOptions& options);
+
+ private:
+  MapOptions options_;
+  BeamModelOptions model_options_;
+  std::optional<BeamModel> model_;  // of model_options_
+  ScanScratch scratch_;
+};
+
+}  // namespace splinemap

@@ -1,0 +1,294 @@
+#include "lib/store/archive_rows.h"
+
+#include <SQLiteCpp/SQLiteCpp.h>
+#include <xxhash.h>
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include "lib/base/status.h"
+#include "lib/layers/validity.h"
+#include "lib/tiles/tile_codec.h"
+
+namespace splinemap {
+namespace {
+
+int64_t Signed(uint64_t value) { return static_cast<int64_t>(value); }
+
+// Bound to the place of the row, so that no row of a damaged page is taken for another's.
+uint64_t ChecksumOfRow(const std::string& content, std::array<int64_t, 3> place) {
+  return XXH3_64bits_withSeed(content.data(), content.size(),
+                              XXH3_64bits(place.data(), sizeof place));
+}
+
+void SetPose(const FixedPose2& pose, store::PoseRecord& record) {
+  record.set_x(pose.x);
+  record.set_y(pose.y);
+  record.set_yaw(pose.yaw);
+}
+
+FixedPose2 PoseOf(const store::PoseRecord& record) {
+  return {record.x(), record.y(), record.yaw()};
+}
+
+class BlockWriter {
+ public:
+  BlockWriter(int64_t archive, SQLite::Database& database)
+      : archive_(archive),
+        put_beams_(
+            database,
+            "INSERT INTO scan_beams (archive, block, content, checksum) VALUES (?, ?, ?, ?)"),
+        put_poses_(database,
+                   "INSERT OR REPLACE INTO scan_poses (archive, block, checksum, content) VALUES "
+                   "(?, ?, ?, ?)"),
+        remove_beams_(database, "DELETE FROM scan_beams WHERE archive = ? AND block = ?"),
+        remove_poses_(database, "DELETE FROM scan_poses WHERE archive = ? AND block = ?") {}
+
+  void PutBeams(int64_t block, const std::string& content) {
+    put_beams_.bind(1, archive_);
+    put_beams_.bind(2, block);
+    put_beams_.bind(3, content.data(), static_cast<int>(content.size()));
+    put_beams_.bind(4, Signed(ChecksumOfRow(content, {archive_, block, 0})));
+    put_beams_.exec();
+    put_beams_.reset();
+  }
+
+  void PutPoses(int64_t block, const std::string& content) {
+    put_poses_.bind(1, archive_);
+    put_poses_.bind(2, block);
+    put_poses_.bind(3, Signed(ChecksumOfRow(content, {archive_, block, 1})));
+    put_poses_.bind(4, content.data(), static_cast<int>(content.size()));
+    put_poses_.exec();
+    put_poses_.reset();
+  }
+
+  void Remove(int64_t block) {
+    for (SQLite::Statement* remove : {&remove_beams_, &remove_poses_}) {
+      remove->bind(1, archive_);
+      remove->bind(2, block);
+      remove->exec();
+      remove->reset();
+    }
+  }
+
+ private:
+  const int64_t archive_;
+  SQLite::Statement put_beams_, put_poses_, remove_beams_, remove_poses_;
+};
+
+// The numbers of the blocks: those that are there already keep theirs, as long as all are in order.
+std::vector<int64_t> NumbersOf(const std::vector<std::shared_ptr<const ScanBlock>>& blocks,
+                               const SavedArchive& saved) {
+  std::map<const std::string*, int64_t> known;  // by their beams, which do not change
+  for (const auto& [number, block] : saved.blocks) known[block->beams.get()] = number;
+  const int64_t last = saved.blocks.empty() ? 0 : saved.blocks.rbegin()->first;
+  std::vector<int64_t> numbers;
+  for (const auto& block : blocks) {
+    const auto found = known.find(block->beams.get());
+    const int64_t before = numbers.empty() ? 0 : numbers.back();
+    const bool goes_on = found != known.end() && found->second > before;
+    numbers.push_back(goes_on ? found->second : std::max(before, last) + 1);
+  }
+  return numbers;
+}
+
+void WriteBlocks(const ScanArchive& archive, const SavedArchive& saved, SavedArchive& now,
+                 SQLite::Database& database) {
+  const auto blocks = archive.Blocks();
+  const std::vector<int64_t> numbers = NumbersOf(blocks, saved);
+  for (size_t k = 0; k < blocks.size(); ++k) now.blocks[numbers[k]] = blocks[k];
+  BlockWriter writer(now.id, database);
+  for (const auto& [number, block] : saved.blocks) {
+    const auto kept = now.blocks.find(number);
+    if (kept == now.blocks.end() || kept->second->beams != block->beams) writer.Remove(number);
+  }
+  for (const auto& [number, block] : now.blocks) {
+    const auto before = saved.blocks.find(number);
+    const bool has_beams = before != saved.blocks.end() && before->second->beams == block->beams;
+    if (!has_beams) writer.PutBeams(number, *block->beams);
+    if (!has_beams || before->second->poses != block->poses) writer.PutPoses(number, block->poses);
+  }
+}
+
+void WriteBase(const TileTree& base, const SavedArchive& saved, int64_t archive,
+               SQLite::Database& database) {
+  SQLite::Statement put(database,
+                        "INSERT OR REPLACE INTO base_tile (archive, tx, ty, checksum, content) "
+                        "VALUES (?, ?, ?, ?, ?)");
+  put.bind(1, archive);
+  base.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    if (saved.base.Find(key) == entry.tile.get()) return;
+    const std::string content = EncodeTile(*entry.tile);
+    put.bind(2, key.tx);
+    put.bind(3, key.ty);
+    put.bind(4, Signed(ChecksumOfRow(content, {archive, key.tx, key.ty})));
+    put.bind(5, content.data(), static_cast<int>(content.size()));
+    put.exec();
+    put.reset();
+  });
+  SQLite::Statement remove(database,
+                           "DELETE FROM base_tile WHERE archive = ? AND tx = ? AND ty = ?");
+  remove.bind(1, archive);
+  saved.base.ForEach([&](TileKey key, const TileTree::Entry&) {
+    if (base.Find(key) != nullptr) return;
+    remove.bind(2, key.tx);
+    remove.bind(3, key.ty);
+    remove.exec();
+    remove.reset();
+  });
+}
+
+int64_t NextArchiveId(SQLite::Database& database) {
+  return database
+      .execAndGet(
+          "SELECT 1 + max((SELECT ifnull(max(archive), 0) FROM scan_beams), "
+          "(SELECT ifnull(max(archive), 0) FROM scan_poses), "
+          "(SELECT ifnull(max(archive), 0) FROM base_tile))")
+      .getInt64();
+}
+
+// The same tiles as a layer need no rows of their own.
+bool IsAll(const TileTree& base, const TileTree& layer_tiles) {
+  if (base.size() != layer_tiles.size()) return false;
+  bool is_all = true;
+  base.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    is_all = is_all && layer_tiles.Find(key) == entry.tile.get();
+  });
+  return is_all;
+}
+
+}  // namespace
+
+SavedArchive WriteArchive(const ScanArchive& archive, const TileTree& layer_tiles,
+                          const SavedArchive& saved, store::ArchiveRecord& record,
+                          SQLite::Database& database) {
+  SavedArchive now;
+  now.id = saved.id != 0 ? saved.id : NextArchiveId(database);
+  WriteBlocks(archive, saved, now, database);
+  const bool is_all = IsAll(archive.base.tiles, layer_tiles);
+  if (!is_all) now.base = archive.base.tiles;
+  WriteBase(now.base, saved, now.id, database);
+
+  record.set_id(now.id);
+  SetPose(archive.map_T_world, *record.mutable_map_t_world());
+  SetPose(archive.base.map_T_world, *record.mutable_base_map_t_world());
+  record.set_base_is_layer(is_all);
+  record.set_base_tiles(now.base.size());
+  record.set_base_scans(archive.base.scans);
+  record.set_base_newest_utime(archive.base.newest.count());
+  record.set_scans(archive.num_scans());
+  return now;
+}
+
+void DeleteOtherArchives(const std::vector<int64_t>& ids, SQLite::Database& database) {
+  for (const char* table : {"scan_beams", "scan_poses", "base_tile"}) {
+    database.exec(
+        fmt::format("DELETE FROM {} WHERE archive NOT IN ({})", table, fmt::join(ids, ", ")));
+  }
+}
+
+void ArchiveReader::HandleBeams(int64_t archive, int64_t block, uint64_t checksum,
+                                std::string content) {
+  Rows& rows = archives_[archive];
+  if (checksum != ChecksumOfRow(content, {archive, block, 0})) {
+    ++rows.damaged;
+  } else {
+    rows.beams[block] = std::move(content);
+  }
+}
+
+void ArchiveReader::HandlePoses(int64_t archive, int64_t block, uint64_t checksum,
+                                std::string content) {
+  Rows& rows = archives_[archive];
+  if (checksum != ChecksumOfRow(content, {archive, block, 1})) {
+    ++rows.damaged;
+  } else {
+    rows.poses[block] = std::move(content);
+  }
+}
+
+void ArchiveReader::HandleBaseTile(int64_t archive, int64_t tx, int64_t ty, uint64_t checksum,
+                                   const std::string& content) {
+  Rows& rows = archives_[archive];
+  const TileKey key{static_cast<int32_t>(tx), static_cast<int32_t>(ty)};
+  const absl::StatusOr<Tile> tile = DecodeTile(content);
+  if (checksum != ChecksumOfRow(content, {archive, tx, ty}) || key.tx != tx || key.ty != ty ||
+      !tile.ok() || !CheckTile(key, *tile, limits_).ok()) {
+    ++rows.damaged;
+  } else {
+    rows.base.Edit(key, 0) = *tile;
+  }
+}
+
+void ArchiveReader::Read(SQLite::Database& database) {
+  SQLite::Statement beams(database, "SELECT archive, block, content, checksum FROM scan_beams");
+  while (beams.executeStep()) {
+    HandleBeams(beams.getColumn(0).getInt64(), beams.getColumn(1).getInt64(),
+                static_cast<uint64_t>(beams.getColumn(3).getInt64()),
+                beams.getColumn(2).getString());
+  }
+  SQLite::Statement poses(database, "SELECT archive, block, checksum, content FROM scan_poses");
+  while (poses.executeStep()) {
+    HandlePoses(poses.getColumn(0).getInt64(), poses.getColumn(1).getInt64(),
+                static_cast<uint64_t>(poses.getColumn(2).getInt64()),
+                poses.getColumn(3).getString());
+  }
+  SQLite::Statement base(database, "SELECT archive, tx, ty, checksum, content FROM base_tile");
+  while (base.executeStep()) {
+    HandleBaseTile(
+        base.getColumn(0).getInt64(), base.getColumn(1).getInt64(), base.getColumn(2).getInt64(),
+        static_cast<uint64_t>(base.getColumn(3).getInt64()), base.getColumn(4).getString());
+  }
+}
+
+ArchiveReader::Result ArchiveReader::Finish(const store::ArchiveRecord* record,
+                                            const TileTree& layer_tiles) const {
+  Result result;
+  auto archive = std::make_shared<ScanArchive>();
+  if (record == nullptr) {
+    archive->base.tiles = layer_tiles;
+    result.archive = std::move(archive);
+    return result;
+  }
+  Rows rows;
+  if (const auto found = archives_.find(record->id()); found != archives_.end()) {
+    rows.beams = found->second.beams;
+    rows.poses = found->second.poses;
+    rows.base = TileTreeEditor(found->second.base.tree());
+    rows.damaged = found->second.damaged;
+  }
+  result.saved.id = record->id();
+  for (auto& [number, beams] : rows.beams) {
+    const auto poses = rows.poses.find(number);
+    auto block = poses == rows.poses.end()
+                     ? absl::StatusOr<std::shared_ptr<const ScanBlock>>(DataLoss("no poses"))
+                     : BlockOf(std::move(poses->second), std::move(beams));
+    if (!block.ok()) {
+      ++rows.damaged;
+      continue;
+    }
+    result.saved.blocks[number] = *block;
+    archive->Add(*block);
+  }
+  archive->map_T_world = PoseOf(record->map_t_world());
+  archive->base.map_T_world = PoseOf(record->base_map_t_world());
+  archive->base.scans = record->base_scans();
+  archive->base.newest = Utime(record->base_newest_utime());
+  archive->base.tiles = record->base_is_layer() ? layer_tiles : rows.base.Freeze();
+  if (!record->base_is_layer()) result.saved.base = archive->base.tiles;
+  if (!archive->map_T_world.IsValid() || !archive->base.map_T_world.IsValid()) {
+    result.damage.push_back("its placement cannot be");
+    archive->map_T_world = archive->base.map_T_world = {};
+  }
+  if (rows.damaged != 0 || archive->num_scans() != record->scans() ||
+      (!record->base_is_layer() && archive->base.tiles.size() != record->base_tiles())) {
+    result.damage.push_back(fmt::format(
+        "of the {} scans that it is made of {} can be read; made anew it has those alone",
+        record->scans(), archive->num_scans()));
+  }
+  result.archive = std::move(archive);
+  return result;
+}
+
+}  // namespace splinemap
