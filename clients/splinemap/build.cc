@@ -38,12 +38,18 @@ void ReportDrops(const DropCounts& drops) {
   }
 }
 
+ScanArchive EmptyArchive(const config::Config& config) {
+  ScanArchive archive;
+  archive.map_T_world = FrameOf(config.frame());
+  return archive;
+}
+
 // A log, mapped.
 struct MappedLog {
   MappedLog(const config::Config& config, LayerId id, SessionId session)
       : options(MapOptionsOf(config.method())),
         layer(std::move(id), session),
-        mapper(config, options, layer) {}
+        mapper(config, options, layer, EmptyArchive(config)) {}
 
   MapOptions options;
   Layer layer;
@@ -196,7 +202,7 @@ absl::StatusOr<int> Build(const BuildFlags& flags) {
         counts.scans_mapped, flags.log, counts.beams_received, flags.log);
   }
   SPLINEMAP_RETURN_IF_ERROR(
-      SaveAs({.options = drive->options, .layers = {drive->layer.Snapshot()}}, flags.output.path));
+      SaveAs({.options = drive->options, .layers = {drive->mapper.Snapshot()}}, flags.output.path));
   ReportMapped(counts, drive->layer.tiles().size(), flags.output.path);
   return drive->read.ok() ? kSuccess : kFailed;
 }

@@ -25,12 +25,15 @@ void AddBridge(CLI::App& app, Command& chosen);
 void AddBuild(CLI::App& app, Command& chosen);
 void AddCheck(CLI::App& app, Command& chosen);
 void AddClear(CLI::App& app, Command& chosen);
+void AddCorrect(CLI::App& app, Command& chosen);
 void AddCrop(CLI::App& app, Command& chosen);
 void AddDiff(CLI::App& app, Command& chosen);
 void AddDistance(CLI::App& app, Command& chosen);
 void AddDoctor(CLI::App& app, Command& chosen);
 void AddExport(CLI::App& app, Command& chosen);
 void AddFlatten(CLI::App& app, Command& chosen);
+void AddFold(CLI::App& app, Command& chosen);
+void AddForget(CLI::App& app, Command& chosen);
 void AddImportCarmen(CLI::App& app, Command& chosen);
 void AddImportRos(CLI::App& app, Command& chosen);
 void AddInfo(CLI::App& app, Command& chosen);
@@ -45,6 +48,7 @@ void AddRender(CLI::App& app, Command& chosen);
 void AddSave(CLI::App& app, Command& chosen);
 void AddSimulate(CLI::App& app, Command& chosen);
 void AddSnapshot(CLI::App& app, Command& chosen);
+void AddVerify(CLI::App& app, Command& chosen);
 void AddWatch(CLI::App& app, Command& chosen);
 
 }  // namespace splinemap

@@ -10,6 +10,8 @@
 #include "clients/splinemap/layer_name.h"
 #include "clients/splinemap/layer_rows.h"
 #include "clients/splinemap/print.h"
+#include "clients/splinemap/refold.h"
+#include "clients/splinemap/time_flag.h"
 #include "lib/base/status.h"
 #include "lib/map/summed_layers.h"
 #include "splinemap/file.h"
@@ -20,6 +22,7 @@ namespace {
 struct DiffFlags {
   std::string a;
   std::string b;
+  std::string at;
   bool json = false;
 };
 
@@ -170,8 +173,12 @@ void CompareLayers(const LayerSet& a, const LayerSet& b, const DiffFlags& flags,
 }
 
 absl::StatusOr<int> Diff(const DiffFlags& flags) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded_a, ReadMapFile(flags.a));
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded_b, ReadMapFile(flags.b));
+  SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded_a, ReadMapFile(flags.a));
+  SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded_b, ReadMapFile(flags.b));
+  if (!flags.at.empty()) {
+    SPLINEMAP_RETURN_IF_ERROR(WindBack(loaded_a.set, flags.at));
+    SPLINEMAP_RETURN_IF_ERROR(WindBack(loaded_b.set, flags.at));
+  }
   const LayerSet& a = loaded_a.set;
   const LayerSet& b = loaded_b.set;
   Differences differences(loaded_a, loaded_b);
@@ -210,6 +217,8 @@ void AddDiff(CLI::App& app, Command& chosen) {
   command->footer(kDiffExamples);
   command->add_option("MAP", flags->a, "Map file")->required();
   command->add_option("OTHER", flags->b, "Map file to compare with")->required();
+  command->add_option("--at", flags->at, std::string("The maps as they were then; ") + kTimeHelp)
+      ->type_name("TIME");
   AddJsonFlag(*command, flags->json);
   command->callback([flags, &chosen] { chosen = [flags] { return Diff(*flags); }; });
 }

@@ -90,6 +90,10 @@ int Main(int argc, char** argv) {
   AddLayer(app, chosen);
   AddMerge(app, chosen);
   AddFlatten(app, chosen);
+  AddFold(app, chosen);
+  AddForget(app, chosen);
+  AddCorrect(app, chosen);
+  AddVerify(app, chosen);
   AddBackup(app, chosen);
   AddCrop(app, chosen);
   AddDoctor(app, chosen);

@@ -10,6 +10,8 @@
 #include "clients/splinemap/files.h"
 #include "clients/splinemap/follow.h"
 #include "clients/splinemap/print.h"
+#include "clients/splinemap/refold.h"
+#include "clients/splinemap/time_flag.h"
 #include "lib/base/status.h"
 #include "lib/map/summed_layers.h"
 #include "splinemap/client.h"
@@ -28,6 +30,17 @@ void AddSource(CLI::App& command, const std::string& names, const std::string& w
   AddBusFlags(command, flags.bus, live);
   RequireLive(command.add_option("--robot", flags.robot, robot)->type_name("NAME"), live);
   AddTimeoutFlag(command, flags.bus, live);
+  command
+      .add_option("--at", flags.at, std::string("The map of a file as it was then; ") + kTimeHelp)
+      ->type_name("TIME")
+      ->excludes(live);
+}
+
+// With the map as it was at the time of the flags.
+absl::StatusOr<LoadedMap> ReadSource(const MapSourceFlags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadMapFile(flags.arguments.at(0)));
+  if (!flags.at.empty()) SPLINEMAP_RETURN_IF_ERROR(WindBack(loaded.set, flags.at));
+  return loaded;
 }
 
 }  // namespace
@@ -113,7 +126,7 @@ absl::StatusOr<MapSource> OpenMapSource(const MapSourceFlags& flags) {
     if (flags.robot.empty()) WarnOfOtherMaps(*client);
     return MapSource{std::move(client), kSuccess};
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.arguments.at(0)));
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadSource(flags));
   return MapSource{std::make_unique<LocalMap>(ViewOf(loaded.set)), ReportCorruption(loaded)};
 }
 
@@ -126,7 +139,7 @@ absl::StatusOr<MapViewSource> OpenMapView(const MapSourceFlags& flags) {
     auto map = ViewOf(layers);
     return MapViewSource{std::move(layers), std::move(map), ReportRefused(*replica)};
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadMapFile(flags.arguments.at(0)));
+  SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadSource(flags));
   const int exit_status = ReportCorruption(loaded);
   auto map = ViewOf(loaded.set);
   return MapViewSource{std::move(loaded.set), std::move(map), exit_status};

@@ -26,6 +26,7 @@ struct MapSourceFlags {
   bool live = false;
   BusFlags bus;
   std::string robot;  // empty: any
+  std::string at;     // a time, of a map file
 };
 
 // Adds the positionals of a command, which --help calls `names`, beginning with MAP, and --live

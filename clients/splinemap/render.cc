@@ -31,13 +31,13 @@ struct RenderFlags {
 void MarkContradictions(const MapViewSource& source, Raster& raster) {
   const double knot_m = source.layers.options.knot_interval_m;
   int64_t points = 0;
-  VisitComparedPoints(source.layers, *source.map,
-                      [&](const LayerId&, int32_t i, int32_t j, bool is_contradicted) {
-                        if (!is_contradicted) return;
-                        ++points;
-                        raster.Mark({(i - 0.5) * knot_m, (j - 0.5) * knot_m, (i + 0.5) * knot_m,
-                                     (j + 0.5) * knot_m});
-                      });
+  VisitComparedPoints(
+      source.layers, *source.map, [&](const LayerId&, int32_t i, int32_t j, bool is_contradicted) {
+        if (!is_contradicted) return;
+        ++points;
+        raster.Mark(
+            {(i - 0.5) * knot_m, (j - 0.5) * knot_m, (i + 0.5) * knot_m, (j + 0.5) * knot_m});
+      });
   PrintLine(stderr, "{} control points are obstacles of one layer where the others saw free space",
             points);
 }

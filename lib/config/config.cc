@@ -269,6 +269,11 @@ absl::Status CheckRobotName(const std::string& name) {
       "name {} is not made of up to 64 letters, digits and . _ -; give another with --name", name);
 }
 
+FixedPose2 FrameOf(const config::Frame& frame) {
+  return FixedPose2::Nearest(
+      {{frame.x_m(), frame.y_m()}, frame.yaw_deg() * std::numbers::pi / 180});
+}
+
 std::string RobotName(const config::Config& config) {
   if (!config.name().empty()) return config.name();
   char host[256] = "";

@@ -9,6 +9,7 @@
 #include "lib/config/config.pb.h"
 #include "lib/mapping/beam_model.h"
 #include "lib/sensing/scan_queue.h"
+#include "splinemap/fixed_pose2.h"
 #include "splinemap/map_view.h"
 #include "splinemap/sensor_options.h"
 
@@ -40,6 +41,8 @@ SensorOptions SensorOptionsOf(const config::Scan& scan, const std::string& prese
 MapOptions MapOptionsOf(const config::Method& method);
 BeamModelOptions BeamModelOptionsOf(const config::Method& method);
 ScanQueueOptions ScanQueueOptionsOf(const config::Timing& timing);
+
+FixedPose2 FrameOf(const config::Frame& frame);
 
 // Name and map file with their defaults filled in.
 std::string RobotName(const config::Config& config);

@@ -15,6 +15,7 @@ struct InputFlags {
   std::vector<std::string> scans;
   std::string pose;
   std::string name;
+  std::string frame;
 };
 
 void AddInputFlags(CLI::App& app, InputFlags& flags);

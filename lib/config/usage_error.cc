@@ -12,9 +12,8 @@ namespace {
 
 // What follows a flag that is not there may be its value.
 std::string ProblemOfExtras(const CLI::App& command, const std::vector<std::string>& words) {
-  const auto first_flag = std::find_if(words.begin(), words.end(), [](const std::string& word) {
-    return word.starts_with('-');
-  });
+  const auto first_flag = std::find_if(
+      words.begin(), words.end(), [](const std::string& word) { return word.starts_with('-'); });
   const std::string& word = first_flag == words.end() ? words.front() : *first_flag;
   if (!word.starts_with('-')) return fmt::format("{} is one argument too many", word);
   std::vector<std::string> flags;

@@ -1,0 +1,59 @@
+#include "clients/splinemap/time_flag.h"
+
+#include <algorithm>
+#include <optional>
+
+#include "absl/strings/numbers.h"
+#include "absl/time/time.h"
+#include "lib/base/status.h"
+#include "splinemap/scan_archive.h"
+
+namespace splinemap {
+
+absl::StatusOr<ArchiveTimes> TimesOf(const LayerSet& set) {
+  std::optional<ArchiveTimes> times;
+  for (const LayerSnapshot& layer : set.layers) {
+    if (layer.archive == nullptr) continue;
+    layer.archive->ForEachPose([&](const ScanPose& pose) {
+      if (!times) times = ArchiveTimes{pose.utime, pose.utime};
+      times->first = std::min(times->first, pose.utime);
+      times->last = std::max(times->last, pose.utime);
+    });
+  }
+  if (!times) return NotFound("the map keeps no scans, so it has no times");
+  return *times;
+}
+
+absl::StatusOr<Utime> ParseTime(const std::string& text, const LayerSet& set) {
+  const auto error = [&] { return InvalidArgument("{} is no time; {}", text, kTimeHelp); };
+  const bool from_end = text.starts_with("end");
+  const bool from_start = text.starts_with("start");
+  if (from_end || from_start) {
+    SPLINEMAP_ASSIGN_OR_RETURN(const ArchiveTimes times, TimesOf(set));
+    const Utime base = from_end ? times.last : times.first;
+    const std::string rest = text.substr(from_end ? 3 : 5);
+    if (rest.empty()) return base;
+    absl::Duration duration;
+    if (!absl::ParseDuration(rest, &duration) || duration == absl::InfiniteDuration() ||
+        duration == -absl::InfiniteDuration()) {
+      return error();
+    }
+    return base + Utime(absl::ToInt64Microseconds(duration));
+  }
+  int64_t utime = 0;
+  if (absl::SimpleAtoi(text, &utime)) return Utime(utime);
+  absl::Time time;
+  std::string ignored;
+  for (const char* format : {"%Y-%m-%dT%H:%M:%E*S", "%Y-%m-%d"}) {
+    if (absl::ParseTime(format, text, absl::UTCTimeZone(), &time, &ignored))
+      return Utime(absl::ToUnixMicros(time));
+  }
+  return error();
+}
+
+std::string TextOf(Utime utime) {
+  return absl::FormatTime("%Y-%m-%dT%H:%M:%E*S", absl::FromUnixMicros(utime.count()),
+                          absl::UTCTimeZone());
+}
+
+}  // namespace splinemap
