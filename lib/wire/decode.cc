@@ -26,6 +26,7 @@
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lcmtypes/splinemap/sweeps_reply_t.hpp"
 #include "lcmtypes/splinemap/sweeps_request_t.hpp"
+#include "lcmtypes/splinemap/trajectory_t.hpp"
 #include "lib/base/status.h"
 #include "lib/layers/validity.h"
 #include "splinemap/level_of_detail.h"
@@ -109,6 +110,11 @@ absl::Status CheckContent(const layers_t& layers) {
   return absl::OkStatus();
 }
 
+absl::Status CheckContent(const trajectory_t& trajectory) {
+  for (const int64_t utime : trajectory.pose_utime) SPLINEMAP_RETURN_IF_ERROR(CheckUtime(utime));
+  return absl::OkStatus();
+}
+
 template <typename Message>
 absl::Status CheckFields(const Message& message) {
   if constexpr (requires { message.utime; }) SPLINEMAP_RETURN_IF_ERROR(CheckUtime(message.utime));
@@ -161,6 +167,7 @@ template absl::StatusOr<settings_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<status_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<sweeps_reply_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<sweeps_request_t> Decode(absl::Span<const uint8_t>);
+template absl::StatusOr<trajectory_t> Decode(absl::Span<const uint8_t>);
 
 std::optional<request_t> RequestHeaderOf(absl::Span<const uint8_t> message) {
   const auto type = TypeOf(message);

@@ -8,6 +8,7 @@
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/status.h"
 #include "services/splinemapd/command_handlers.h"
+#include "services/splinemapd/folding_thread.h"
 #include "services/splinemapd/map_saver.h"
 #include "services/splinemapd/mapping_thread.h"
 #include "services/splinemapd/newest_map.h"
@@ -41,6 +42,12 @@ PublisherOptions PublisherOptionsOf(const config::Service& service) {
   return publisher;
 }
 
+LayerSnapshot OwnOf(StoredMap& stored) {
+  LayerSnapshot own = stored.own.Snapshot();
+  own.archive = std::make_shared<ScanArchive>(stored.archive);
+  return own;
+}
+
 void Log(bool is_problem, const std::string& text) {
   spdlog::log(is_problem ? spdlog::level::warn : spdlog::level::info, "{}", text);
 }
@@ -51,10 +58,12 @@ void Log(bool is_problem, const std::string& text) {
 struct Daemon::Parts {
   Parts(const config::Config& config, LcmBus& bus, NoticeLog& notices, MapFile file,
         StoredMap stored)
-      : newest(stored.options, stored.own.Snapshot()),
+      : newest(stored.options, OwnOf(stored)),
         saver(std::move(file), newest, notices),
         receiving(bus, notices),
-        mapping(config, stored.options, std::move(stored.own), newest, saver, notices),
+        mapping(config, stored.options, std::move(stored.own), std::move(stored.archive), newest,
+                saver, notices),
+        folding(config, stored.options, newest, mapping, notices),
         replication(bus, FollowOptionsOf(config), PublisherOptionsOf(config.service()),
                     stored.others, newest, notices),
         handlers(config.service().remote_commands(), newest, mapping, replication, saver, notices),
@@ -72,6 +81,7 @@ struct Daemon::Parts {
   MapSaver saver;
   ReceivingThread receiving;
   MappingThread mapping;
+  FoldingThread folding;
   ReplicationThread replication;
   CommandHandlers handlers;
   RequestServer requests;
@@ -117,6 +127,18 @@ absl::Status Daemon::StartThreads() {
                           });
     spdlog::info("listening on {}", channel);
   }
+  if (config_.service().sensors() && config_.service().remote_commands()) {
+    p.receiving.Subscribe(config_.channel_prefix() + "_TRAJECTORY",
+                          [&p](const std::string&, absl::Span<const uint8_t> message) {
+                            p.folding.HandleTrajectory(message);
+                          });
+  }
+  if (!config_.placement_channel().empty()) {
+    p.receiving.Subscribe(config_.placement_channel(),
+                          [&p](const std::string&, absl::Span<const uint8_t> message) {
+                            p.folding.HandlePlacement(message);
+                          });
+  }
   for (const std::string& channel : ReplicationChannels(config_.channel_prefix())) {
     p.receiving.Subscribe(channel, [&p](const std::string&, absl::Span<const uint8_t> message) {
       p.replication.Handle(message);
@@ -137,6 +159,7 @@ absl::Status Daemon::StartThreads() {
     p.mapping.StartSession(std::move(id), session, is_empty, std::move(done));
   });
   p.mapping.Start([&p] { p.replication.OnOwnChange(); });
+  p.folding.Start();
   p.receiving.Start();
   return absl::OkStatus();
 }
@@ -165,6 +188,7 @@ absl::Status Daemon::Stop() {
   // In the order of the data, so that each thread gets all that the one before has left.
   parts_->receiving.Stop();
   parts_->requests.Stop();
+  parts_->folding.Stop();
   parts_->mapping.Stop();
   const absl::Status saved = parts_->saver.Stop();
   // What is published last is on disk. Followers may ask for it.

@@ -35,6 +35,7 @@ struct Flags {
   bool no_sensors = false;
   std::vector<std::string> follow;
   bool no_remote_commands = false;
+  double forget_after_min = 0;
   bool check_config = false;
   bool print_config = false;
 };
@@ -68,6 +69,10 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->allow_extra_args(false);
   app.add_flag("--no-remote-commands", flags.no_remote_commands,
                "Take neither commands (save, clear) nor settings about layers from the bus");
+  app.add_option("--forget-after", flags.forget_after_min,
+                 "The map is that of the scans of the last minutes (default 0: of all)")
+      ->type_name("MINUTES")
+      ->check(CLI::Range(0.0, 1e7));
   app.add_flag("--check-config", flags.check_config, "Check flags and configuration, and end");
   app.add_flag("--print-config", flags.print_config,
                "Print the configuration with every option explained, and end");
@@ -80,6 +85,8 @@ absl::StatusOr<config::Config> ConfigOf(const Flags& flags) {
   if (flags.no_sensors) config.mutable_service()->set_sensors(false);
   if (!flags.follow.empty()) config.mutable_service()->clear_follow();
   for (const std::string& name : flags.follow) config.mutable_service()->add_follow(name);
+  if (flags.forget_after_min > 0)
+    config.mutable_service()->set_forget_after_min(flags.forget_after_min);
   if (flags.no_remote_commands) config.mutable_service()->set_remote_commands(false);
   return config;
 }

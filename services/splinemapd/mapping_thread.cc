@@ -14,13 +14,14 @@ constexpr std::chrono::hours kForever(24);
 }  // namespace
 
 MappingThread::MappingThread(const config::Config& config, const MapOptions& map_options,
-                             Layer layer, NewestMap& newest, MapSaver& saver, NoticeLog& notices)
+                             Layer layer, ScanArchive archive, NewestMap& newest, MapSaver& saver,
+                             NoticeLog& notices)
     : newest_(newest),
       saver_(saver),
       notices_(notices),
       mailbox_(size_t{config.service().max_queued_mb()} << 20),
       layer_(std::move(layer)),
-      mapper_(config, map_options, layer_) {
+      mapper_(config, map_options, layer_, std::move(archive)) {
   PublishState();
 }
 
@@ -68,7 +69,7 @@ void MappingThread::MapMessage(const MailboxMessage& message) {
 
 void MappingThread::PublishState() {
   for (const Notice& notice : mapper_.DrainNotices()) notices_.Report(notice);
-  newest_.SetOwn(layer_.Snapshot());
+  newest_.SetOwn(mapper_.Snapshot());
   {
     MutexLock lock(mutex_);
     state_.counts = mapper_.counts();
@@ -85,24 +86,62 @@ void MappingThread::PublishState() {
 
 void MappingThread::StartSession(LayerId id, SessionId session, bool is_empty, Done done) {
   mailbox_.Post([=, this, id = std::move(id), done = std::move(done)] {
-    LayerSnapshot own = layer_.Snapshot();
+    LayerSnapshot own = mapper_.Snapshot();
     own.id = id;
     own.session = session;
     if (is_empty) {
+      auto archive = std::make_shared<ScanArchive>();
+      archive->map_T_world = own.archive->map_T_world;
+      own.archive = std::move(archive);
       own.tiles = {};
       ++own.revision;
     }
-    std::promise<absl::Status> promise;
-    saver_.SaveSession(own, [&promise](const absl::Status& status) { promise.set_value(status); });
-    const absl::Status saved = promise.get_future().get();
+    const absl::Status saved = SaveSession(own);
     if (saved.ok() && is_empty) {
       layer_.StartEmptySession(session);
+      mapper_.ReplaceArchive(*own.archive);
     } else if (saved.ok()) {
       layer_.StartSession(id, session);
     }
     PublishState();
     done(saved);
   });
+}
+
+absl::Status MappingThread::SaveSession(const LayerSnapshot& own) {
+  std::promise<absl::Status> promise;
+  saver_.SaveSession(own, [&promise](const absl::Status& status) { promise.set_value(status); });
+  return promise.get_future().get();
+}
+
+void MappingThread::TakeOver(std::unique_ptr<FoldedLayer> layer, TookOver done) {
+  mailbox_.Post(
+      [this, layer = std::shared_ptr<FoldedLayer>(std::move(layer)), done = std::move(done)] {
+        absl::StatusOr<std::string> result = TakeOverNow(*layer);
+        PublishState();
+        done(std::move(result));
+      });
+}
+
+absl::StatusOr<std::string> MappingThread::TakeOverNow(FoldedLayer& layer) {
+  LayerSnapshot own = mapper_.Snapshot();
+  if (layer.session() != own.session) return absl::AbortedError("another session began");
+  layer.Append(*own.archive);
+  SPLINEMAP_RETURN_IF_ERROR(layer.Fold([](int64_t) { return false; }));
+  const TileTree tiles = layer.Tiles();
+  const size_t changed = DifferentTiles(own.tiles, tiles).size();
+  std::string text = fmt::format("{} of {} tiles changed, {} scans", changed, tiles.size(),
+                                 layer.archive().num_scans());
+  if (changed > 0) {
+    own.session.number += 1;
+    own.revision += 1;
+    own.tiles = WithRevisionsOf(own.tiles, tiles, own.revision);
+    own.archive = std::make_shared<ScanArchive>(layer.archive());
+    SPLINEMAP_RETURN_IF_ERROR(SaveSession(own));
+    layer_.ReplaceTiles(own.session, own.tiles);
+  }
+  mapper_.ReplaceArchive(layer.archive());
+  return text;
 }
 
 MappingThread::State MappingThread::DrainState() {

@@ -3,17 +3,20 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "absl/status/status.h"
+#include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "lib/base/host_clock.h"
 #include "lib/base/mutex.h"
 #include "lib/config/config.h"
 #include "lib/pipeline/mapper.h"
+#include "services/splinemapd/folded_layer.h"
 #include "services/splinemapd/mailbox.h"
 #include "services/splinemapd/map_saver.h"
 #include "services/splinemapd/newest_map.h"
@@ -29,7 +32,7 @@ class MappingThread {
   // The others outlive it. `on_change` is called by the thread when the newest map has a new state
   // of the own layer.
   MappingThread(const config::Config& config, const MapOptions& map_options, Layer layer,
-                NewestMap& newest, MapSaver& saver, NoticeLog& notices);
+                ScanArchive archive, NewestMap& newest, MapSaver& saver, NoticeLog& notices);
 
   // The channels of scans, poses and extrinsics.
   const std::vector<std::string>& channels() const { return mapper_.channels(); }
@@ -44,6 +47,12 @@ class MappingThread {
   // Continues the layer in another session, or as another layer, after that is on disk; without its
   // tiles where `is_empty`. `done` runs in the thread. After an error all is as before.
   void StartSession(LayerId id, SessionId session, bool is_empty, Done done);
+
+  // Continues as a layer that was made anew, with the scans that came meanwhile: in another
+  // session, after that is on disk, or in the same one where no tile differs. Aborted where the
+  // layer is in another session than that one was made of. `done` gets in words what has changed.
+  using TookOver = std::function<void(absl::StatusOr<std::string>)>;
+  void TakeOver(std::unique_ptr<FoldedLayer> layer, TookOver done);
 
   // What has been mapped, for status messages.
   struct State {
@@ -68,6 +77,8 @@ class MappingThread {
   void Run(const std::stop_token& stop);
   void MapMessage(const MailboxMessage& message);
   void PublishState();
+  absl::Status SaveSession(const LayerSnapshot& own);
+  absl::StatusOr<std::string> TakeOverNow(FoldedLayer& layer);
 
   NewestMap& newest_;
   MapSaver& saver_;

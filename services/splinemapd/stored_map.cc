@@ -6,6 +6,7 @@
 
 #include "lib/base/random.h"
 #include "lib/base/status.h"
+#include "lib/mapping/fold.h"
 
 namespace splinemap {
 namespace {
@@ -76,6 +77,21 @@ Layer Continue(const LayerSnapshot& last, const LayerSettings& settings, bool ta
   return fresh;
 }
 
+// Where the configuration says another frame than that of the file, the layer is made anew there.
+absl::Status PlaceAt(const FixedPose2& map_T_world, const MapOptions& options,
+                     const std::string& path, LayerSnapshot& layer) {
+  if (layer.archive->map_T_world == map_T_world) return absl::OkStatus();
+  auto archive = std::make_shared<ScanArchive>(*layer.archive);
+  archive->map_T_world = map_T_world;
+  auto placed = Refolded(layer, std::move(archive), options, layer.session);
+  if (!placed.ok()) {
+    return FailedPrecondition("{} has another frame than the configuration says: {}", path,
+                              ErrorText(placed.status()));
+  }
+  layer = *std::move(placed);
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 absl::StatusOr<StoredMap> LoadStoredMap(const config::Config& config, MapFile& file,
@@ -91,12 +107,20 @@ absl::StatusOr<StoredMap> LoadStoredMap(const config::Config& config, MapFile& f
   const auto own = OwnLayerOf(set, name);
   if (own == set.layers.end()) {
     Layer fresh(LayerId{name, RandomId()}, {1, RandomId()});
-    return StoredMap{set.options, std::move(fresh), std::move(set)};
+    ScanArchive archive;
+    archive.map_T_world = FrameOf(config.frame());
+    return StoredMap{set.options, std::move(fresh), std::move(archive), std::move(set)};
+  }
+  if (config.has_frame()) {
+    SPLINEMAP_RETURN_IF_ERROR(PlaceAt(FrameOf(config.frame()), set.options, file.path(), *own));
   }
   Layer layer =
       Continue(*own, set.settings.Of(own->id), config.service().remote_commands(), notices);
+  ScanArchive archive;
+  if (layer.tiles().size() > 0) archive = *own->archive;
+  archive.map_T_world = own->archive->map_T_world;
   set.layers.erase(own);
-  return StoredMap{set.options, std::move(layer), std::move(set)};
+  return StoredMap{set.options, std::move(layer), std::move(archive), std::move(set)};
 }
 
 }  // namespace splinemap

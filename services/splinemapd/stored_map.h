@@ -5,14 +5,16 @@
 #include "services/splinemapd/notice_log.h"
 #include "splinemap/file.h"
 #include "splinemap/layer_set.h"
+#include "splinemap/scan_archive.h"
 
 namespace splinemap {
 
 // What a daemon begins with.
 struct StoredMap {
   MapOptions options;
-  Layer own;        // in a new session
-  LayerSet others;  // and all settings
+  Layer own;            // in a new session
+  ScanArchive archive;  // of its scans
+  LayerSet others;      // and all settings
 };
 
 // Loads the map of `file`, or begins an empty one, and starts the next session of the robot's own

@@ -8,9 +8,12 @@
 #include <numbers>
 #include <thread>
 
+#include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/splinemap/layer_settings_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
+#include "lcmtypes/splinemap/trajectory_t.hpp"
+#include "lib/mapping/fold.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "splinemap/file.h"
@@ -47,12 +50,15 @@ class DaemonTest : public testing::Test {
   }
 
   // A robot that drives a circle in a round room of 3 m.
-  void Drive(int scans, int64_t first_ms = 0) {
+  // Its localisation drifts along x by `drift_m` a scan.
+  void Drive(int scans, int64_t first_ms = 0, double drift_m = 0) {
     for (int n = 0; n < scans; ++n) {
       const Utime utime = milliseconds(first_ms + 100 * n);
       const double angle = 0.1 * n;
       const Pose2 pose{{std::cos(angle), std::sin(angle)}, angle};
-      bus_->Publish("POSE", PoseMessage({utime, pose}));
+      Pose2 said = pose;
+      said.position_m.x() += drift_m * n;
+      bus_->Publish("POSE", PoseMessage({utime, said}));
       std::vector<float> ranges_m;
       for (int k = 0; k < 90; ++k) {
         const double bearing = angle + k * 2 * std::numbers::pi / 90;
@@ -63,6 +69,59 @@ class DaemonTest : public testing::Test {
       bus_->Publish("LASER",
                     PlanarLidarMessage(utime, std::move(ranges_m), 0, 2 * std::numbers::pi / 90));
     }
+  }
+
+  // The right poses of Drive(), in parts.
+  void PublishTrajectory(int scans, int64_t first_ms = 0) {
+    constexpr int kPosesInPart = 50;
+    const int parts = (scans + kPosesInPart - 1) / kPosesInPart;
+    for (int part = parts - 1; part >= 0; --part) {
+      trajectory_t message{};
+      message.utime = std::chrono::microseconds(milliseconds(first_ms + 100 * scans)).count();
+      message.robot = "robot";
+      message.part = part;
+      message.num_parts = parts;
+      for (int n = kPosesInPart * part; n < std::min(scans, kPosesInPart * (part + 1)); ++n) {
+        const double angle = 0.1 * n;
+        message.pose_utime.push_back(1000 * (first_ms + 100 * n));
+        message.x_m.push_back(std::cos(angle));
+        message.y_m.push_back(std::sin(angle));
+        message.yaw_rad.push_back(angle);
+      }
+      message.num_poses = static_cast<int>(message.pose_utime.size());
+      bus_->Publish("SPLINEMAP_TRAJECTORY", message);
+    }
+  }
+
+  // The tiles of a daemon that did `work` and nothing else.
+  template <typename Work>
+  TileTree TilesAfter(const Work& work) {
+    config_.set_map(directory_.File("other.splinemap"));
+    Start();
+    work();
+    EXPECT_TRUE(daemon_->Stop().ok());
+    const TileTree tiles = SavedMap()->layers[0].tiles;
+    daemon_.reset();
+    std::filesystem::remove(config_.map());
+    config_.set_map(directory_.File("robot.splinemap"));
+    return tiles;
+  }
+
+  // Waits until the layer on disk was made anew.
+  void AwaitSession(uint64_t number) {
+    AwaitStatus([&](const status_t& status) {
+      return status.session_number == static_cast<int64_t>(number);
+    });
+  }
+
+  // Stops, and compares what is on disk, and what its scans make, with these tiles.
+  void ExpectTiles(const TileTree& expected) {
+    ASSERT_TRUE(daemon_->Stop().ok());
+    const LayerSet saved = *SavedMap();
+    EXPECT_EQ(DifferentTiles(saved.layers[0].tiles, expected).size(), 0u);
+    const auto folded = FoldArchive(*saved.layers[0].archive, saved.options);
+    ASSERT_TRUE(folded.ok()) << folded.status();
+    EXPECT_EQ(DifferentTiles(saved.layers[0].tiles, *folded).size(), 0u);
   }
 
   // As anybody on the bus may do it.
@@ -321,6 +380,131 @@ TEST_F(DaemonTest, AMapWhoseFolderIsGoneGoesOnInTheTemporaryFolder) {
   const std::string lost(daemon_->Stop().message());
   EXPECT_NE(lost.find("the last 20 of 20 commits"), std::string::npos) << lost;
   unsetenv("TMPDIR");
+}
+
+TEST_F(DaemonTest, ATrajectoryMakesTheMapThatTheRightPosesWouldHaveMade) {
+  const TileTree right = TilesAfter([&] {
+    Drive(300);
+    Drive(100, 30'000);
+  });
+  Start();
+  Drive(300, 0, 0.002);
+  AwaitStatus([](const status_t& s) { return s.scans_mapped == 300; });
+  PublishTrajectory(300);
+  Drive(100, 30'000);  // from here on the localisation is right
+  AwaitSession(2);
+  AwaitStatus([](const status_t& s) { return s.scans_mapped == 400; });
+  ExpectTiles(right);
+}
+
+TEST_F(DaemonTest, ScansAfterTheLastPoseMoveWithItUntilTheLocalisationIsRight) {
+  Start();
+  Drive(100, 0, 0.01);
+  AwaitStatus([](const status_t& s) { return s.scans_mapped == 100; });
+  trajectory_t message{};
+  message.utime = 9'500'000;
+  message.num_parts = 1;
+  message.num_poses = 1;
+  message.pose_utime = {9'000'000};
+  message.x_m = {std::cos(9.0)};
+  message.y_m = {std::sin(9.0)};
+  message.yaw_rad = {9.0};
+  bus_->Publish("SPLINEMAP_TRAJECTORY", message);
+  AwaitSession(2);
+  ASSERT_TRUE(daemon_->Stop().ok());
+  const auto archive = SavedMap()->layers[0].archive;
+  int n = 0;
+  archive->ForEachPose([&](const ScanPose& pose) {
+    const double drift = 0.01 * n - (n < 90 || n >= 95 ? 0 : 0.9);
+    EXPECT_NEAR(pose.world_T_robot.ToPose().position_m.x(), std::cos(0.1 * n) + drift, 2e-6) << n;
+    ++n;
+  });
+  EXPECT_EQ(n, 100);
+}
+
+TEST_F(DaemonTest, ATrajectoryThatCannotBeUsedIsNamedAndChangesNothing) {
+  Start();
+  Drive(50);
+  AwaitStatus([](const status_t& s) { return s.scans_mapped == 50; });
+  trajectory_t message{};
+  message.utime = 1;
+  message.num_parts = 1;
+  message.num_poses = 2;
+  message.pose_utime = {2'000'000, 1'000'000};
+  message.x_m = message.y_m = message.yaw_rad = {0, 0};
+  bus_->Publish("SPLINEMAP_TRAJECTORY", message);
+  EXPECT_NE(AwaitStatus([](const status_t& s) {
+              return s.last_problem.find("stamps have to increase") != std::string::npos;
+            }).last_problem,
+            "");
+  message.pose_utime = {900'000'000'000, 900'000'000'001};  // another clock
+  bus_->Publish("SPLINEMAP_TRAJECTORY", message);
+  AwaitStatus([](const status_t& s) {
+    return s.last_problem.find("clock of the scans") != std::string::npos;
+  });
+  EXPECT_EQ(AwaitStatus([](const status_t&) { return true; }).session_number, 1);
+}
+
+TEST_F(DaemonTest, AMapThatIsPlacedAndPlacedBackIsAsBefore) {
+  config_.set_placement_channel("MAP_FRAME");
+  const TileTree before = TilesAfter([&] { Drive(200); });
+  config_.mutable_frame()->set_yaw_deg(90);
+  config_.mutable_frame()->set_x_m(1);
+  const TileTree turned = TilesAfter([&] { Drive(200); });
+  config_.clear_frame();
+  const auto publish = [&](double x, double yaw) {
+    bot_core::rigid_transform_t message{};
+    message.trans[0] = x;
+    message.quat[0] = std::cos(yaw / 2);
+    message.quat[3] = std::sin(yaw / 2);
+    bus_->Publish("MAP_FRAME", message);
+  };
+  Start();
+  Drive(200);
+  AwaitStatus([](const status_t& s) { return s.scans_mapped == 200; });
+  publish(1, std::numbers::pi / 2);
+  AwaitSession(2);
+  ASSERT_TRUE(daemon_->Stop().ok());
+  daemon_.reset();
+  EXPECT_EQ(DifferentTiles(SavedMap()->layers[0].tiles, turned).size(), 0u);
+  Start();                           // the frame is kept in the file
+  publish(1, std::numbers::pi / 2);  // as it is: nothing happens
+  publish(0, 0);
+  AwaitSession(4);
+  ASSERT_TRUE(daemon_->Stop().ok());
+  daemon_.reset();
+  const LayerSnapshot layer = SavedMap()->layers[0];
+  EXPECT_TRUE(layer.archive->map_T_world.IsIdentity());
+  EXPECT_EQ(DifferentTiles(layer.tiles, before).size(), 0u);
+  EXPECT_GT(DifferentTiles(before, turned).size(), 0u);
+  config_.mutable_frame()->set_yaw_deg(90);
+  config_.mutable_frame()->set_x_m(1);
+  Start();  // a file in another frame is made anew
+  ASSERT_TRUE(daemon_->Stop().ok());
+  EXPECT_EQ(DifferentTiles(SavedMap()->layers[0].tiles, turned).size(), 0u);
+}
+
+TEST_F(DaemonTest, WhatIsForgottenWasNeverSeen) {
+  const TileTree since = TilesAfter([&] { Drive(301, 970'000); });
+  config_.mutable_service()->set_forget_after_min(0.5);
+  Start();
+  Drive(200, 0, 0.01);
+  Drive(301, 970'000);
+  AwaitSession(2);
+  ExpectTiles(since);
+}
+
+TEST_F(DaemonTest, WithoutAnArchiveTheMapIsTheSameAndCannotBeMoved) {
+  const TileTree before = TilesAfter([&] { Drive(200); });
+  config_.mutable_service()->set_max_archive_mb(0);
+  Start();
+  Drive(200);
+  AwaitStatus([](const status_t& s) { return s.scans_mapped == 200; });
+  PublishTrajectory(200);
+  AwaitStatus(
+      [](const status_t& s) { return s.last_problem.find("max_archive_mb") != std::string::npos; });
+  ExpectTiles(before);
+  EXPECT_EQ(SavedMap()->layers[0].archive->num_scans(), 0);
 }
 
 TEST_F(DaemonTest, ErrorsAtTheStartAreReturned) {

@@ -113,6 +113,19 @@ class Robot {
     }
   }
 
+  // As after its scans were corrected: other tiles in place of those that were there, of which most
+  // stay.
+  void Refold() {
+    const LayerSnapshot before = layer_->Snapshot();
+    TileTreeEditor tiles;
+    before.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+      if (random_() % 4 != 0) tiles.Put(key, entry.tile, entry.revision);
+    });
+    tiles.Edit(RandomKey(random_, 4), before.revision + 1).control_points.fill(7);
+    layer_->ReplaceTiles({before.session.number + 1, before.session.nonce}, tiles.Freeze());
+    Save();
+  }
+
   // What a person may tell a daemon about a layer.
   void SetSomething() {
     const LayerSet set = Layers();
@@ -581,7 +594,7 @@ TEST_P(RandomFleet, EndsWithEqualBytes) {
     for (int event = 0; event < 50; ++event) {
       const size_t n = random() % fleet.num_robots();
       Robot& robot = fleet.robot(n);
-      switch (random() % 12) {
+      switch (random() % 13) {
         case 0:
           fleet.network().SetCut(true);
           break;
@@ -604,6 +617,9 @@ TEST_P(RandomFleet, EndsWithEqualBytes) {
           break;
         case 6:
           fleet.Run(milliseconds(5000));
+          break;
+        case 7:
+          if (robot.is_running()) robot.Refold();
           break;
         default:
           fleet.network().SetCut(false);

@@ -1,0 +1,48 @@
+#pragma once
+
+#include <functional>
+#include <utility>
+
+#include "lib/mapping/archive_edit.h"
+#include "lib/mapping/fold.h"
+
+namespace splinemap {
+
+// A layer that is made anew while the present one goes on. Thread-compatible.
+class FoldedLayer {
+ public:
+  // What `edit` makes of `archive`, that of a layer in `session`.
+  FoldedLayer(SessionId session, ArchiveEdit edit, const ScanArchive& archive,
+              const MapOptions& options)
+      : session_(session),
+        edit_(std::move(edit)),
+        scans_added_(archive.scans_added()),
+        archive_(edit_.Apply(archive)),
+        fold_(archive_, options) {}
+
+  SessionId session() const { return session_; }
+  // Of the present layer, so many are here.
+  int64_t scans_added() const { return scans_added_; }
+  const ScanArchive& archive() const { return archive_; }
+
+  // Takes what `archive` has more by now.
+  void Append(const ScanArchive& archive) {
+    archive.ForEachAfter(scans_added_, [&](const PosedScan& scan, const BeamModelOptions& model) {
+      if (auto edited = edit_.ApplyTo(scan)) archive_.Add(std::move(edited), model);
+    });
+    scans_added_ = archive.scans_added();
+  }
+  absl::Status Fold(const std::function<bool(int64_t)>& is_cancelled) {
+    return fold_.Continue(archive_, is_cancelled);
+  }
+  TileTree Tiles() { return fold_.Tiles(); }
+
+ private:
+  const SessionId session_;
+  const ArchiveEdit edit_;
+  int64_t scans_added_;
+  ScanArchive archive_;
+  splinemap::Fold fold_;
+};
+
+}  // namespace splinemap

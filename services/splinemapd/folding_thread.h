@@ -1,0 +1,64 @@
+#pragma once
+
+#include <chrono>
+#include <functional>
+#include <string>
+#include <thread>
+
+#include "absl/status/statusor.h"
+#include "absl/types/span.h"
+#include "lib/config/config.h"
+#include "lib/mapping/archive_edit.h"
+#include "lib/wire/trajectory_parts.h"
+#include "services/splinemapd/mailbox.h"
+#include "services/splinemapd/mapping_thread.h"
+#include "services/splinemapd/newest_map.h"
+#include "services/splinemapd/notice_log.h"
+
+namespace splinemap {
+
+// Makes the own layer anew from its scans where their poses, its placement or what is to be
+// forgotten have changed, in a thread of its own, while mapping goes on. The new layer takes over
+// in one commit, as another session. Thread-safe.
+class FoldingThread {
+ public:
+  using Done = std::function<void(const absl::Status&)>;
+  using EditOf = std::function<absl::StatusOr<ArchiveEdit>(const ScanArchive&)>;
+
+  // The others outlive it.
+  FoldingThread(const config::Config& config, const MapOptions& options, NewestMap& newest,
+                MappingThread& mapping, NoticeLog& notices);
+
+  void Start();
+
+  // Does not wait. `what` says for people what is done: "placed". `done` runs in the thread.
+  void Fold(std::string what, EditOf edit_of, Done done);
+
+  // A trajectory_t; a rigid_transform_t of the frame of the poses in the map. They do not wait;
+  // when too many wait, the oldest are dropped.
+  void HandleTrajectory(absl::Span<const uint8_t> message);
+  void HandlePlacement(absl::Span<const uint8_t> message);
+
+  // Ends the thread, and what it does.
+  void Stop();
+
+ private:
+  void Run(const std::stop_token& stop);
+  void ReceiveTrajectory(absl::Span<const uint8_t> message);
+  void ReceivePlacement(absl::Span<const uint8_t> message);
+  void ForgetWhatIsOld();
+  void FoldNow(const std::string& what, const EditOf& edit_of, const Done& done);
+  absl::StatusOr<std::string> TryFold(const EditOf& edit_of);
+
+  const MapOptions options_;
+  const Utime forget_after_;
+  NewestMap& newest_;
+  MappingThread& mapping_;
+  NoticeLog& notices_;
+  Mailbox mailbox_;
+  TrajectoryParts trajectory_parts_;
+  std::stop_token stop_;
+  std::jthread folding_;
+};
+
+}  // namespace splinemap
