@@ -23,6 +23,7 @@ using Command = std::function<absl::StatusOr<int>()>;
 void AddBackup(CLI::App& app, Command& chosen);
 void AddBridge(CLI::App& app, Command& chosen);
 void AddBuild(CLI::App& app, Command& chosen);
+void AddChanges(CLI::App& app, Command& chosen);
 void AddCheck(CLI::App& app, Command& chosen);
 void AddClear(CLI::App& app, Command& chosen);
 void AddCorrect(CLI::App& app, Command& chosen);
@@ -48,6 +49,7 @@ void AddRender(CLI::App& app, Command& chosen);
 void AddSave(CLI::App& app, Command& chosen);
 void AddSimulate(CLI::App& app, Command& chosen);
 void AddSnapshot(CLI::App& app, Command& chosen);
+void AddTrajectory(CLI::App& app, Command& chosen);
 void AddVerify(CLI::App& app, Command& chosen);
 void AddWatch(CLI::App& app, Command& chosen);
 

@@ -90,9 +90,11 @@ int Main(int argc, char** argv) {
   AddLayer(app, chosen);
   AddMerge(app, chosen);
   AddFlatten(app, chosen);
+  AddChanges(app, chosen);
   AddFold(app, chosen);
   AddForget(app, chosen);
   AddCorrect(app, chosen);
+  AddTrajectory(app, chosen);
   AddVerify(app, chosen);
   AddBackup(app, chosen);
   AddCrop(app, chosen);

@@ -1,6 +1,7 @@
 #include "lib/map/contradictions.h"
 
 #include "fmt/format.h"
+#include "lib/map/control_point_reader.h"
 
 namespace splinemap {
 namespace {
@@ -9,27 +10,6 @@ namespace {
 constexpr int kCertain = kUnitsPerLogOdds;
 // Knots that the faces of one thing may lie apart in two layers.
 constexpr int32_t kAround = 2;
-
-// Reads control points of one tree, neighbours one after the other.
-class ControlPointReader {
- public:
-  explicit ControlPointReader(const TileTree& tiles) : tiles_(tiles) {}
-
-  int At(int32_t i, int32_t j) {
-    if (const TileKey key = TileOf(i, j); !is_read_ || key != key_) {
-      key_ = key;
-      tile_ = tiles_.Find(key);
-      is_read_ = true;
-    }
-    return tile_ == nullptr ? 0 : tile_->control_points[IndexInTile(i, j)];
-  }
-
- private:
-  const TileTree& tiles_;
-  bool is_read_ = false;
-  TileKey key_;
-  const Tile* tile_ = nullptr;
-};
 
 // What the map says at its control points without one of its layers.
 class OtherLayers {

@@ -31,7 +31,7 @@ Raster RenderMap(const MapView& map, const PixelGrid& grid) {
   return raster;
 }
 
-void Raster::Mark(const Region& region) {
+void Raster::Mark(const Region& region, Marker marker) {
   marked.resize(pixels.size());
   const auto column_of = [&](double x_m) { return (x_m - grid.left_m) / grid.pixel_m; };
   const auto row_of = [&](double y_m) { return (grid.top_m - y_m) / grid.pixel_m; };
@@ -46,7 +46,7 @@ void Raster::Mark(const Region& region) {
   const auto [top, bottom] = range(row_of(region.y1_m), row_of(region.y0_m), grid.height);
   for (int row = top; row <= bottom; ++row) {
     for (int column = left; column <= right; ++column) {
-      marked[size_t{1} * row * grid.width + column] = true;
+      marked[size_t{1} * row * grid.width + column] = marker;
     }
   }
 }
@@ -64,7 +64,8 @@ struct PngSource {
 
   explicit PngSource(const Raster& raster) {
     constexpr Colour kUnknownColour = {176, 190, 205};
-    constexpr Colour kMarkedColour = {220, 30, 30};
+    constexpr Colour kRed = {220, 30, 30};
+    constexpr Colour kGreen = {20, 150, 60};
     colours.resize(256);
     for (int k = 0; k < 256; ++k) colours[k].fill(static_cast<png_byte>(k));
     colours[Raster::kUnknown] = kUnknownColour;
@@ -80,8 +81,12 @@ struct PngSource {
     }
     std::vector<Colour> coloured;
     coloured.reserve(raster.pixels.size());
-    for (size_t k = 0; k < raster.pixels.size(); ++k)
-      coloured.push_back(raster.marked[k] ? kMarkedColour : colours[raster.pixels[k]]);
+    for (size_t k = 0; k < raster.pixels.size(); ++k) {
+      const Raster::Marker marker = raster.marked[k];
+      coloured.push_back(marker == Raster::Marker::kRed     ? kRed
+                         : marker == Raster::Marker::kGreen ? kGreen
+                                                            : colours[raster.pixels[k]]);
+    }
     colours = std::move(coloured);
     pixels = colours.data();
     row_bytes = 3 * raster.grid.width;

@@ -21,10 +21,11 @@ struct Raster {
   PixelGrid grid;
   std::vector<uint8_t> pixels;  // grid.width * grid.height
 
-  std::vector<bool> marked{};  // the same size, or empty: none is
+  enum class Marker : uint8_t { kNone, kRed, kGreen };
+  std::vector<Marker> marked{};  // the same size, or empty: none is
 
   // Marks the pixels whose centres lie in `region`, at least the one that has its centre.
-  void Mark(const Region& region);
+  void Mark(const Region& region, Marker marker = Marker::kRed);
 
   uint8_t at(int column, int row) const { return pixels[size_t{1} * row * grid.width + column]; }
 };
@@ -35,7 +36,7 @@ uint8_t KnownPixel(double log_odds);
 // Evaluates the spline at the centre of each pixel.
 Raster RenderMap(const MapView& map, const PixelGrid& grid);
 
-// Unknown blue-grey, free white, occupied black, marked red.
+// Unknown blue-grey, free white, occupied black, marked red or green.
 absl::Status WritePng(const Raster& raster, NewFile& file);
 absl::StatusOr<std::string> EncodePng(const Raster& raster);
 

@@ -9,7 +9,6 @@
 namespace splinemap {
 namespace {
 
-constexpr int64_t kMaxUtime = int64_t{230} * 365 * 86'400 * 1'000'000;
 
 const MessageInfo* InfoOf(uint64_t fingerprint) {
   static const auto& by_fingerprint = *[] {

@@ -40,6 +40,7 @@ int64_t FieldAt(absl::Span<const uint8_t> message, size_t offset);
 // The time stamp, of a message with utime as its first field that was decoded.
 Utime UtimeOf(absl::Span<const uint8_t> message);
 // A time from 1970 to the year 2200.
+inline constexpr int64_t kMaxUtime = int64_t{230} * 365 * 86'400 * 1'000'000;
 absl::Status CheckUtime(int64_t utime);
 
 // InvalidArgument for another type, or where the counts do not fit the size.

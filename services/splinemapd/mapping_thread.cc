@@ -130,7 +130,7 @@ absl::StatusOr<std::string> MappingThread::TakeOverNow(FoldedLayer& layer) {
   SPLINEMAP_RETURN_IF_ERROR(layer.Fold([](int64_t) { return false; }));
   const TileTree tiles = layer.Tiles();
   const size_t changed = DifferentTiles(own.tiles, tiles).size();
-  std::string text = fmt::format("{} of {} tiles changed, {} scans", changed, tiles.size(),
+  std::string text = fmt::format("{} tiles changed; {} tiles of {} scans", changed, tiles.size(),
                                  layer.archive().num_scans());
   if (changed > 0) {
     own.session.number += 1;

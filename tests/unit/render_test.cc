@@ -54,11 +54,13 @@ TEST(RasterTest, PixelsShowTheSurfaceAtTheirCentre) {
 
 TEST(RasterTest, MarksThePixelsOfARegionAndAtLeastOne) {
   Raster raster = RenderMap(*Room(), *FittingGrid(*Room(), 2));
-  const auto marked = [&] { return std::count(raster.marked.begin(), raster.marked.end(), true); };
+  const auto marked = [&] {
+    return std::count(raster.marked.begin(), raster.marked.end(), Raster::Marker::kRed);
+  };
   raster.Mark({-0.05, 0.15, 0.05, 0.25});  // about knot (0, 2)
   EXPECT_EQ(marked(), 4);
-  EXPECT_TRUE(raster.marked[size_t{8} * raster.grid.width + 8]);
-  EXPECT_TRUE(raster.marked[size_t{9} * raster.grid.width + 9]);
+  EXPECT_EQ(raster.marked[size_t{8} * raster.grid.width + 8], Raster::Marker::kRed);
+  EXPECT_EQ(raster.marked[size_t{9} * raster.grid.width + 9], Raster::Marker::kRed);
   raster.Mark({0.51, 0.01, 0.52, 0.02});
   EXPECT_EQ(marked(), 5);
   raster.Mark({100, 100, 101, 101});
