@@ -40,7 +40,7 @@ void ReportDrops(const DropCounts& drops) {
 
 ScanArchive EmptyArchive(const config::Config& config) {
   ScanArchive archive;
-  archive.map_T_world = FrameOf(config.frame());
+  archive.map_T_world = FrameOf(config);
   return archive;
 }
 

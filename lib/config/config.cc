@@ -152,6 +152,7 @@ std::string ScanFlagOf(const config::Scan& scan) {
 }
 
 absl::Status CheckConfig(const config::Config& config) {
+  if (!config.frame().empty()) SPLINEMAP_RETURN_IF_ERROR(ParseFrame(config.frame()).status());
   const bool has_sensors = config.scan_size() > 0 || !config.pose().empty();
   if (!config.service().sensors() && has_sensors) {
     return InvalidArgument(
@@ -269,9 +270,20 @@ absl::Status CheckRobotName(const std::string& name) {
       "name {} is not made of up to 64 letters, digits and . _ -; give another with --name", name);
 }
 
-FixedPose2 FrameOf(const config::Frame& frame) {
-  return FixedPose2::Nearest(
-      {{frame.x_m(), frame.y_m()}, frame.yaw_deg() * std::numbers::pi / 180});
+absl::StatusOr<FixedPose2> ParseFrame(const std::string& text) {
+  constexpr double kMax_m = 1e7;
+  const std::vector<std::string> words = absl::StrSplit(text, ',');
+  double x_m = 0, y_m = 0, yaw_deg = 0;
+  if (words.size() != 3 || !absl::SimpleAtod(words[0], &x_m) || !absl::SimpleAtod(words[1], &y_m) ||
+      !absl::SimpleAtod(words[2], &yaw_deg) ||
+      !(std::abs(x_m) <= kMax_m && std::abs(y_m) <= kMax_m && std::abs(yaw_deg) <= 360)) {
+    return InvalidArgument("frame {}: X_M,Y_M,YAW_DEG is expected, as in 2.5,-1,90", text);
+  }
+  return FixedPose2::Nearest({{x_m, y_m}, yaw_deg * std::numbers::pi / 180});
+}
+
+FixedPose2 FrameOf(const config::Config& config) {
+  return config.frame().empty() ? FixedPose2() : *ParseFrame(config.frame());
 }
 
 std::string RobotName(const config::Config& config) {

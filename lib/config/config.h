@@ -42,7 +42,10 @@ MapOptions MapOptionsOf(const config::Method& method);
 BeamModelOptions BeamModelOptionsOf(const config::Method& method);
 ScanQueueOptions ScanQueueOptionsOf(const config::Timing& timing);
 
-FixedPose2 FrameOf(const config::Frame& frame);
+// X_M,Y_M,YAW_DEG.
+absl::StatusOr<FixedPose2> ParseFrame(const std::string& text);
+// Of a configuration that was checked: from the frame of the poses to that of the map.
+FixedPose2 FrameOf(const config::Config& config);
 
 // Name and map file with their defaults filled in.
 std::string RobotName(const config::Config& config);

@@ -1,33 +1,9 @@
 #include "lib/config/flags.h"
 
-#include <cmath>
-
-#include "absl/strings/numbers.h"
 #include "absl/strings/str_join.h"
-#include "absl/strings/str_split.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
-
-namespace {
-
-absl::StatusOr<config::Frame> ParseFrameFlag(const std::string& text) {
-  constexpr double kMax_m = 1e7;
-  const std::vector<std::string> words = absl::StrSplit(text, ',');
-  double x_m = 0, y_m = 0, yaw_deg = 0;
-  if (words.size() != 3 || !absl::SimpleAtod(words[0], &x_m) || !absl::SimpleAtod(words[1], &y_m) ||
-      !absl::SimpleAtod(words[2], &yaw_deg) ||
-      !(std::abs(x_m) <= kMax_m && std::abs(y_m) <= kMax_m && std::abs(yaw_deg) <= 360)) {
-    return InvalidArgument("--frame {}: X_M,Y_M,YAW_DEG is expected, as in 2.5,-1,90", text);
-  }
-  config::Frame frame;
-  frame.set_x_m(x_m);
-  frame.set_y_m(y_m);
-  frame.set_yaw_deg(yaw_deg);
-  return frame;
-}
-
-}  // namespace
 
 void AddInputFlags(CLI::App& app, InputFlags& flags) {
   app.add_option(
@@ -58,9 +34,7 @@ absl::StatusOr<config::Config> ConfigOf(const InputFlags& flags) {
   }
   if (!flags.pose.empty()) config.set_pose(flags.pose);
   if (!flags.name.empty()) config.set_name(flags.name);
-  if (!flags.frame.empty()) {
-    SPLINEMAP_ASSIGN_OR_RETURN(*config.mutable_frame(), ParseFrameFlag(flags.frame));
-  }
+  if (!flags.frame.empty()) config.set_frame(flags.frame);
   if (!flags.scans.empty()) config.clear_scan();
   for (const std::string& flag : flags.scans) {
     SPLINEMAP_ASSIGN_OR_RETURN(*config.add_scan(), ParseScanFlag(flag));

@@ -139,13 +139,13 @@ void WriteBase(const TileTree& base, const SavedArchive& saved, int64_t archive,
   });
 }
 
-int64_t NextArchiveId(SQLite::Database& database) {
-  return database
-      .execAndGet(
-          "SELECT 1 + max((SELECT ifnull(max(archive), 0) FROM scan_beams), "
-          "(SELECT ifnull(max(archive), 0) FROM scan_poses), "
-          "(SELECT ifnull(max(archive), 0) FROM base_tile))")
-      .getInt64();
+int64_t NextArchiveId(int64_t last_id, SQLite::Database& database) {
+  for (const char* table : {"scan_beams", "scan_poses", "base_tile"}) {
+    const auto greatest =
+        database.execAndGet(fmt::format("SELECT ifnull(max(archive), 0) FROM {}", table));
+    last_id = std::max(last_id, greatest.getInt64());
+  }
+  return last_id + 1;
 }
 
 // The same tiles as a layer need no rows of their own.
@@ -161,10 +161,11 @@ bool IsAll(const TileTree& base, const TileTree& layer_tiles) {
 }  // namespace
 
 SavedArchive WriteArchive(const ScanArchive& archive, const TileTree& layer_tiles,
-                          const SavedArchive& saved, store::ArchiveRecord& record,
+                          const SavedArchive& saved, int64_t& last_id, store::ArchiveRecord& record,
                           SQLite::Database& database) {
   SavedArchive now;
-  now.id = saved.id != 0 ? saved.id : NextArchiveId(database);
+  now.id = saved.id != 0 ? saved.id : NextArchiveId(last_id, database);
+  last_id = std::max(last_id, now.id);
   WriteBlocks(archive, saved, now, database);
   const bool is_all = IsAll(archive.base.tiles, layer_tiles);
   if (!is_all) now.base = archive.base.tiles;

@@ -55,10 +55,11 @@ struct SavedArchive {
   TileTree base;
 };
 
-// Writes what `archive` of a layer has other than `saved`; `record` becomes what tells of it.
+// Writes what `archive` of a layer has other than `saved`, whose id it keeps, or else gets one
+// greater than `last_id` and all that the rows have; `record` becomes what tells of it.
 SavedArchive WriteArchive(const ScanArchive& archive, const TileTree& layer_tiles,
-                          const SavedArchive& saved, store::ArchiveRecord& record,
-                          SQLite::Database& database);
+                          const SavedArchive& saved, int64_t& last_id,
+                          store::ArchiveRecord& record, SQLite::Database& database);
 // Deletes the rows of all archives but those with these ids.
 void DeleteOtherArchives(const std::vector<int64_t>& ids, SQLite::Database& database);
 

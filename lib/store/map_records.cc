@@ -670,6 +670,8 @@ Written WriteMap(const LayerSet& map, const std::vector<SavedLayer>& saved,
       "SELECT EXISTS (SELECT 1 FROM layer WHERE id = ?1) OR EXISTS (SELECT 1 FROM tile WHERE "
       "layer = ?1)");
   int64_t last_row = 0;
+  int64_t last_archive = 0;
+  for (const SavedLayer& known : saved) last_archive = std::max(last_archive, known.archive.id);
   std::vector<int64_t> rows;
   std::vector<store::LayerRecord> records;
   for (const LayerSnapshot& layer : map.layers) {
@@ -702,7 +704,7 @@ Written WriteMap(const LayerSet& map, const std::vector<SavedLayer>& saved,
     }
     records.push_back(LayerRecordOf(layer, row, state.left_out));
     if (layer.archive != nullptr) {
-      state.archive = WriteArchive(*layer.archive, layer.tiles, saved_archive,
+      state.archive = WriteArchive(*layer.archive, layer.tiles, saved_archive, last_archive,
                                    *records.back().mutable_archive(), database);
     }
     written.saved.push_back(std::move(state));

@@ -9,7 +9,6 @@
 namespace splinemap {
 namespace {
 
-
 const MessageInfo* InfoOf(uint64_t fingerprint) {
   static const auto& by_fingerprint = *[] {
     auto* infos = new absl::flat_hash_map<int64_t, const MessageInfo*>();

@@ -127,31 +127,50 @@ absl::StatusOr<std::vector<Pose2>> DecodePath(absl::Span<const uint8_t> message)
   return poses;
 }
 
-absl::StatusOr<SensorMount> DecodeSensorMount(absl::Span<const uint8_t> message) {
+namespace {
+
+// A rigid_transform_t of `what`, which has to be level.
+absl::StatusOr<SensorMount> DecodeTransform(absl::Span<const uint8_t> message, const char* what,
+                                            double max_distance_m) {
   if (TypeOf(message) != MessageType::kRigidTransform) {
-    return UnknownType(message, "extrinsics are a bot_core.rigid_transform_t");
+    return UnknownType(message, "a bot_core.rigid_transform_t is expected");
   }
   SPLINEMAP_ASSIGN_OR_RETURN(const auto transform,
                              DecodeSensor<bot_core::rigid_transform_t>(message));
   const double* q = transform.quat;
   SPLINEMAP_RETURN_IF_ERROR(CheckUnitQuaternion("rigid_transform_t", q));
-  // The z component of the sensor's z axis.
+  // The z component of the z axis.
   const double turned_about_z = q[0] * q[0] + q[3] * q[3];
   const double turned_over = q[1] * q[1] + q[2] * q[2];
   const double up = (turned_about_z - turned_over) / (turned_about_z + turned_over);
   const SensorMount mount{.robot_T_sensor = {{transform.trans[0], transform.trans[1]},
                                              YawOfQuaternion(q[0], q[1], q[2], q[3])},
                           .is_upside_down = up < 0};
-  if (!(mount.robot_T_sensor.position_m.norm() <= kMaxSensorDistance_m)) {
-    return InvalidArgument("rigid_transform_t that puts the sensor at ({}, {}) m; {} m is the most",
-                           transform.trans[0], transform.trans[1], kMaxSensorDistance_m);
+  if (!(mount.robot_T_sensor.position_m.norm() <= max_distance_m)) {
+    return InvalidArgument("rigid_transform_t that puts {} at ({}, {}) m; {} m is the most", what,
+                           transform.trans[0], transform.trans[1], max_distance_m);
   }
   if (const double tilt_rad = std::acos(std::min(std::abs(up), 1.0)); tilt_rad > kMaxTilt_rad) {
     return InvalidArgument(
-        "rigid_transform_t that tilts the sensor by {:.0f} degrees; a planar map takes {:.0f}",
+        "rigid_transform_t that tilts {} by {:.0f} degrees; a planar map takes {:.0f}", what,
         tilt_rad * 180 / std::numbers::pi, kMaxTilt_rad * 180 / std::numbers::pi);
   }
   return mount;
+}
+
+}  // namespace
+
+absl::StatusOr<SensorMount> DecodeSensorMount(absl::Span<const uint8_t> message) {
+  return DecodeTransform(message, "the sensor", kMaxSensorDistance_m);
+}
+
+absl::StatusOr<Pose2> DecodeFrame(absl::Span<const uint8_t> message) {
+  constexpr double kMax_m = 1e7;
+  SPLINEMAP_ASSIGN_OR_RETURN(const SensorMount frame,
+                             DecodeTransform(message, "the frame of the poses", kMax_m));
+  if (frame.is_upside_down)
+    return InvalidArgument("rigid_transform_t that turns the frame of the poses upside down");
+  return frame.robot_T_sensor;
 }
 
 }  // namespace splinemap

@@ -25,5 +25,7 @@ absl::StatusOr<TimedPose> DecodePose(absl::Span<const uint8_t> message);
 absl::StatusOr<std::vector<Pose2>> DecodePath(absl::Span<const uint8_t> message);
 // A bot_core.rigid_transform_t that maps the sensor's frame into the robot's.
 absl::StatusOr<SensorMount> DecodeSensorMount(absl::Span<const uint8_t> message);
+// One that maps the frame of a robot's poses into that of the map.
+absl::StatusOr<Pose2> DecodeFrame(absl::Span<const uint8_t> message);
 
 }  // namespace splinemap

@@ -93,15 +93,13 @@ void FoldingThread::ReceiveTrajectory(absl::Span<const uint8_t> message) {
 }
 
 void FoldingThread::ReceivePlacement(absl::Span<const uint8_t> message) {
-  const absl::StatusOr<SensorMount> placement = DecodeSensorMount(message);
-  if (!placement.ok() || placement->is_upside_down) {
+  const absl::StatusOr<Pose2> frame = DecodeFrame(message);
+  if (!frame.ok()) {
     notices_.Report(
-        {.subject = "placement",
-         .text = "a placement was not used: " +
-                 (placement.ok() ? "it is upside down" : ErrorText(placement.status()))});
+        {.subject = "placement", .text = "a placement was not used: " + ErrorText(frame.status())});
     return;
   }
-  const FixedPose2 map_T_world = FixedPose2::Nearest(placement->robot_T_sensor);
+  const FixedPose2 map_T_world = FixedPose2::Nearest(*frame);
   if (newest_.Own().archive->map_T_world == map_T_world) return;  // said again
   FoldNow("placed",
           [map_T_world](const ScanArchive&) -> absl::StatusOr<ArchiveEdit> {

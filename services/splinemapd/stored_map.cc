@@ -108,11 +108,11 @@ absl::StatusOr<StoredMap> LoadStoredMap(const config::Config& config, MapFile& f
   if (own == set.layers.end()) {
     Layer fresh(LayerId{name, RandomId()}, {1, RandomId()});
     ScanArchive archive;
-    archive.map_T_world = FrameOf(config.frame());
+    archive.map_T_world = FrameOf(config);
     return StoredMap{set.options, std::move(fresh), std::move(archive), std::move(set)};
   }
-  if (config.has_frame()) {
-    SPLINEMAP_RETURN_IF_ERROR(PlaceAt(FrameOf(config.frame()), set.options, file.path(), *own));
+  if (!config.frame().empty()) {
+    SPLINEMAP_RETURN_IF_ERROR(PlaceAt(FrameOf(config), set.options, file.path(), *own));
   }
   Layer layer =
       Continue(*own, set.settings.Of(own->id), config.service().remote_commands(), notices);

@@ -27,6 +27,7 @@
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lcmtypes/splinemap/tile_update_t.hpp"
+#include "lcmtypes/splinemap/trajectory_t.hpp"
 #include "lib/logs/lcm_log.h"
 #include "lib/rpc/messages.h"
 #include "lib/tiles/tile_codec.h"
@@ -139,6 +140,16 @@ class CorpusMaker {
 
     digest.speaker = 4;
     WriteMessage("layer_digest/of_proxy", 0, digest);
+
+    trajectory_t trajectory{};
+    trajectory.num_parts = 1;
+    trajectory.num_poses = 2;
+    trajectory.pose_utime = {1, 2};
+    trajectory.x_m = trajectory.y_m = trajectory.yaw_rad = {0, 1};
+    WriteMessage("trajectory/whole", 0, trajectory);
+    trajectory.num_parts = 2;
+    trajectory.robot = "robot";
+    WriteMessage("trajectory/part", 0, trajectory);
 
     settings_t settings{};
     WriteMessage("settings/none", 0, settings);

@@ -15,8 +15,10 @@
 #include "lcmtypes/splinemap/layers_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
+#include "lcmtypes/splinemap/trajectory_t.hpp"
 #include "lib/wire/decode.h"
 #include "lib/wire/sensor_messages.h"
+#include "lib/wire/trajectory_parts.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/fuzz/messages.h"
 
@@ -49,6 +51,8 @@ void Use(const std::vector<uint8_t>& message, const SensorOptions& options) {
   Decode<layer_updates_t>(message).status().IgnoreError();
   Decode<layer_listing_t>(message).status().IgnoreError();
   Decode<layer_pull_t>(message).status().IgnoreError();
+  DecodeFrame(message).status().IgnoreError();
+  TrajectoryParts("robot").Add(message).status().IgnoreError();
   if (const auto mount = DecodeSensorMount(message); mount.ok()) {
     Require(mount->robot_T_sensor.position_m.norm() <= kMaxSensorDistance_m &&
                 std::isfinite(mount->robot_T_sensor.yaw_rad),
@@ -86,6 +90,7 @@ const FuzzTarget targets[] = {
     {"layer_updates", &Run<layer_updates_t>},
     {"layer_listing", &Run<layer_listing_t>},
     {"layer_pull", &Run<layer_pull_t>},
+    {"trajectory", &Run<trajectory_t>},
 };
 
 }  // namespace splinemap::fuzz_message

@@ -312,7 +312,7 @@ subcommands() {
   splinemap "$@" --help | awk '/^Subcommands:/ { inside = 1; next } NF == 0 { inside = 0 } inside { print $1 }'
 }
 mapfile -t commands < <(subcommands)
-((${#commands[@]} == 26)) || fail "commands: ${commands[*]}"
+((${#commands[@]} == 32)) || fail "commands: ${commands[*]}"
 mapfile -t settings < <(subcommands layer | sed 's/^/layer /')
 ((${#settings[@]} == 6)) || fail "commands of layer: ${settings[*]}"
 live=()
@@ -347,10 +347,10 @@ for command in "${commands[@]}" "${settings[@]}" "bridge occupancy-grid"; do
     expect_text "  --force                     Replace a file that exists" out
   fi
 done
-[[ ${live[*]} == "render export query ray check distance raster layers ${settings[*]}" ]] ||
+[[ ${live[*]} == "render export query ray check distance raster layers correct ${settings[*]}" ]] ||
   fail "take --live: ${live[*]}"
-[[ ${json[*]} == "info query ray check distance diff layers doctor watch" ]] || fail "print JSON: ${json[*]}"
-[[ ${force[*]} == "build render export raster merge flatten backup crop snapshot simulate import-carmen import-ros prefix-channels ${settings[*]}" ]] ||
+[[ ${json[*]} == "info query ray check distance diff layers changes verify doctor watch" ]] || fail "print JSON: ${json[*]}"
+[[ ${force[*]} == "build render export raster merge flatten changes fold forget correct backup crop snapshot simulate import-carmen import-ros prefix-channels ${settings[*]}" ]] ||
   fail "write files: ${force[*]}"
 expect 2 splinemap control mute robot
 expect 2 splinemap remove room.splinemap robot -o x.splinemap

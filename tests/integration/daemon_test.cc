@@ -448,8 +448,7 @@ TEST_F(DaemonTest, ATrajectoryThatCannotBeUsedIsNamedAndChangesNothing) {
 TEST_F(DaemonTest, AMapThatIsPlacedAndPlacedBackIsAsBefore) {
   config_.set_placement_channel("MAP_FRAME");
   const TileTree before = TilesAfter([&] { Drive(200); });
-  config_.mutable_frame()->set_yaw_deg(90);
-  config_.mutable_frame()->set_x_m(1);
+  config_.set_frame("1,0,90");
   const TileTree turned = TilesAfter([&] { Drive(200); });
   config_.clear_frame();
   const auto publish = [&](double x, double yaw) {
@@ -477,8 +476,7 @@ TEST_F(DaemonTest, AMapThatIsPlacedAndPlacedBackIsAsBefore) {
   EXPECT_TRUE(layer.archive->map_T_world.IsIdentity());
   EXPECT_EQ(DifferentTiles(layer.tiles, before).size(), 0u);
   EXPECT_GT(DifferentTiles(before, turned).size(), 0u);
-  config_.mutable_frame()->set_yaw_deg(90);
-  config_.mutable_frame()->set_x_m(1);
+  config_.set_frame("1,0,90");
   Start();  // a file in another frame is made anew
   ASSERT_TRUE(daemon_->Stop().ok());
   EXPECT_EQ(DifferentTiles(SavedMap()->layers[0].tiles, turned).size(), 0u);

@@ -176,7 +176,7 @@ expect 1 splinemap info options.splinemap
 expect_text "no record of its knot interval is left" err
 expect 1 splinemapd --map options.splinemap --scan LASER --pose POSE --name robot
 expect_text "no record of its knot interval is left" err
-head -c 40000 office.splinemap > cut_map.splinemap
+head -c "$(($(stat -c %s office.splinemap) / 2))" office.splinemap > cut_map.splinemap
 cp office.splinemap page.splinemap
 overwrite page.splinemap 40960 4096
 cp office.splinemap first_page.splinemap

@@ -12,6 +12,7 @@
 #include "lcmtypes/splinemap/request_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lcmtypes/splinemap/tile_update_t.hpp"
+#include "lcmtypes/splinemap/trajectory_t.hpp"
 #include "lib/replication/byte_budget.h"
 #include "lib/replication/pyramid_publisher.h"
 #include "lib/replication/replication_message.h"
@@ -103,6 +104,19 @@ ValidMessage SettingsMessage(const LayerId& id, uint64_t counter) {
   settings.counter = static_cast<int64_t>(counter);
   settings.writer = kSomebody;
   return Make(message);
+}
+
+ValidMessage TrajectoryMessage() {
+  trajectory_t message{};
+  message.utime = 3'000'000'000'000'000;
+  message.robot = "nobody";
+  message.num_parts = 1;
+  message.num_poses = 2;
+  message.pose_utime = {2'999'999'000'000'000, 3'000'000'000'000'000};
+  message.x_m = {1, 2};
+  message.y_m = {3, 4};
+  message.yaw_rad = {0, 0.5};
+  return Make("TRAJECTORY", message);
 }
 
 std::vector<ValidMessage> Queries(int64_t daemon_nonce) {

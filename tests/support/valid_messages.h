@@ -25,6 +25,9 @@ ValidMessage FalseUpdates(const LayerSnapshot& layer, ControlPoint value);
 // Settings that change nothing, to be changed.
 ValidMessage SettingsMessage(const LayerId& id, uint64_t counter);
 
+// A trajectory of a robot that nobody has.
+ValidMessage TrajectoryMessage();
+
 // A request of each query.
 std::vector<ValidMessage> Queries(int64_t daemon_nonce);
 

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
+#include "splinemap/surface.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap::browser_view_test {

@@ -205,6 +205,7 @@ std::vector<Walk> Walks() {
                    [](Site& site) { return FalseUpdates(site.owner().truth(), 100); }});
   walks.push_back({"settings_t of another layer",
                    [](Site& site) { return SettingsMessage(site.owner().ref().id, 1); }});
+  walks.push_back({"trajectory_t of another robot", [](Site&) { return TrajectoryMessage(); }});
   walks.push_back({"settings_t of nobody", [](Site&) {
                      return SettingsMessage({"nobody", 1}, 1);
                    }});
