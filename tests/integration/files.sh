@@ -269,7 +269,7 @@ fi
 # --- a full disk, for what writes a file
 trap 'umount full fixed 2> /dev/null; clean_up' EXIT
 mkdir full
-mount -t tmpfs -o size=1m none full
+mount -t tmpfs -o size=8m none full
 fill() { cat /dev/zero > full/ballast 2> /dev/null || true; }
 fill
 expect 1 splinemap simulate full/x.lcmlog
