@@ -9,6 +9,7 @@
 #include "clients/splinemap/region_flag.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
+#include "lib/map/placed_tile.h"
 #include "splinemap/file.h"
 #include "splinemap/tile_tree.h"
 
@@ -30,7 +31,7 @@ LayerSet Cropped(const LayerSet& map, const Region& region) {
   for (const LayerSnapshot& layer : map.layers) {
     const LayerSettings& settings = map.settings.Of(layer.id);
     const double knot_m = map.options.knot_interval_m;
-    const TileBox box = TilesOf(InLayerFrame(region, settings.shift, knot_m), knot_m);
+    const TileBox box = TilesUnder(region, KnotPlacement(settings.placement, knot_m), knot_m);
     TileTreeEditor tiles;
     layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
       if (box.Contains(key)) tiles.Put(key, entry.tile, entry.revision);
@@ -40,8 +41,8 @@ LayerSet Cropped(const LayerSet& map, const Region& region) {
     LayerSettings kept = cropped.settings.Next(id, RandomId());
     kept.muted = settings.muted;
     kept.low_weight = settings.low_weight;
-    kept.shift = settings.shift;
-    if (kept.muted || kept.low_weight || kept.shift != KnotShift{})
+    kept.placement = settings.placement;
+    if (kept.muted || kept.low_weight || !kept.placement.IsIdentity())
       cropped.settings.Merge(id, kept);
   }
   return cropped;

@@ -4,6 +4,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <tuple>
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
@@ -73,6 +74,9 @@ const LayerSnapshot* Counterpart(const LayerId& id, const std::vector<LayerSnaps
 }
 
 // The settings of a layer, as far as they matter for the sum.
+auto SettingsOfSum(const LayerSettings& settings) {
+  return std::tie(settings.muted, settings.low_weight, settings.placement);
+}
 std::string SumSettingsText(const LayerSettings& settings) {
   const std::string text = TextOf(settings, /*is_there=*/true);
   return text.empty() ? "no settings" : text;
@@ -159,7 +163,7 @@ void CompareLayers(const LayerSet& a, const LayerSet& b, const DiffFlags& flags,
     taken.insert(other);
     const std::string settings_a = SumSettingsText(a.settings.Of(layer.id));
     const std::string settings_b = SumSettingsText(b.settings.Of(other->id));
-    if (settings_a != settings_b) {
+    if (SettingsOfSum(a.settings.Of(layer.id)) != SettingsOfSum(b.settings.Of(other->id))) {
       differences.Add(fmt::format("layer {}: {} in {}, {} in {}", layer.id.name, settings_a,
                                   flags.a, settings_b, flags.b),
                       {{"layer", layer.id.name}, {"settings", {settings_a, settings_b}}});
@@ -205,7 +209,7 @@ Examples:
   splinemap diff live.splinemap offline.splinemap && echo equal
   splinemap diff live.splinemap offline.splinemap --json
 
-Compares layers by name, their control points, and their mute, weight and shift settings. Ignores
+Compares layers by name, their control points, and their settings: muted, weight, placement. Ignores
 session numbers, nonces, times and layers without tiles. Lists removals that only one map records.
 Exit status: 0 equal, 1 different or failed, 2 usage.)";
 

@@ -46,7 +46,7 @@ constexpr const char* kFlattenExamples = R"(
 Example:
   splinemap flatten fleet.splinemap flat.splinemap --name lab
 
-Writes one layer that is the sum of all, without muted layers and with shifts applied. The parts
+Writes one layer that is the sum of all, without muted layers and with all in their places. The parts
 cannot be separated again: merged with the map of one of its robots, the flat layer counts that
 robot's measurements twice.)";
 

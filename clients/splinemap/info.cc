@@ -8,6 +8,7 @@
 #include "clients/splinemap/files.h"
 #include "clients/splinemap/print.h"
 #include "lib/base/status.h"
+#include "lib/map/placed_tile.h"
 #include "lib/map/summed_layers.h"
 #include "splinemap/file.h"
 
@@ -46,7 +47,9 @@ nlohmann::json ToJson(const LayerSet& map, const std::string& path) {
                               {"session_number", layer.session.number},
                               {"commits", layer.revision},
                               {"tiles", layer.tiles.size()},
-                              {"area_m2", Area(map.options, layer.tiles)}});
+                              {"area_m2", Area(map.options, layer.tiles)},
+                              {"is_approximate", IsApproximate(map.settings.Of(layer.id).placement,
+                                                               map.options.knot_interval_m)}});
   }
   return json;
 }
@@ -59,10 +62,11 @@ void PrintForPeople(const nlohmann::json& json) {
   PrintLine(stdout, "knot interval {} m, control points {} .. {} log-odds",
             number(json["knot_interval_m"]), number(json["clamp_min"]), number(json["clamp_max"]));
   for (const nlohmann::json& layer : json["layers"]) {
-    PrintLine(stdout, "layer {} ({}): session {}, {} commits, {} tiles, {:.1f} m2 seen",
+    PrintLine(stdout, "layer {} ({}): session {}, {} commits, {} tiles, {:.1f} m2 seen{}",
               layer["name"].get<std::string>(), layer["origin"].get<std::string>(),
               layer["session_number"].get<int64_t>(), layer["commits"].get<int64_t>(),
-              layer["tiles"].get<int64_t>(), number(layer["area_m2"]));
+              layer["tiles"].get<int64_t>(), number(layer["area_m2"]),
+              layer["is_approximate"].get<bool>() ? ", approximate" : "");
   }
 }
 

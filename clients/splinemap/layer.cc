@@ -1,12 +1,14 @@
 #include <CLI/App.hpp>
-#include <cmath>
+#include <array>
 #include <cstdio>
 #include <map>
 #include <memory>
+#include <numbers>
 #include <string>
 #include <vector>
 
 #include "absl/strings/numbers.h"
+#include "absl/types/span.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
 #include "clients/splinemap/layer_name.h"
@@ -31,80 +33,53 @@ struct LayerFlags {
   bool accepts_corrupt = false;
 };
 
-// A shift along one axis as it is typed: knot intervals, or metres.
-struct TypedShift {
-  std::string text;
-  double number = 0;
-  bool is_in_metres = false;
-};
-
 // What the positionals after the map are.
 struct LayerArguments {
   std::vector<std::string> layers;
-  TypedShift x, y;  // of kShift
+  Pose2 placement;  // of kPlace
 };
 
-absl::StatusOr<TypedShift> ParseShift(const std::string& text) {
-  TypedShift shift{text, 0, text.ends_with('m')};
-  const std::string number = text.substr(0, text.size() - (shift.is_in_metres ? 1 : 0));
-  if (!absl::SimpleAtod(number, &shift.number) || !std::isfinite(shift.number)) {
-    return InvalidArgument(
-        "{} is no shift; give X and Y in knot intervals, 40 -2, or in metres, 2m -0.1m", text);
+constexpr const char* kPlacementArguments =
+    "give the layer, then where its frame lies in the map's: X_M Y_M YAW_DEG";
+
+absl::StatusOr<Pose2> ParsePlacement(absl::Span<const std::string> words) {
+  std::array<double, 3> numbers;
+  for (size_t k = 0; k < numbers.size(); ++k) {
+    if (!absl::SimpleAtod(words[k], &numbers[k])) {
+      return InvalidArgument("{} is no number; {}", words[k], kPlacementArguments);
+    }
   }
-  return shift;
+  const Pose2 placement{{numbers[0], numbers[1]}, numbers[2] * std::numbers::pi / 180};
+  if (!FixedPose2::IsInRange(placement)) {
+    return InvalidArgument("a layer can be placed within {:.0f} km at most",
+                           1e-3 * FixedPose2::kMaxUnits / FixedPose2::kUnitsPerMetre);
+  }
+  return placement;
 }
 
 absl::StatusOr<LayerArguments> ParseArguments(const LayerFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto words, ArgumentsAfterMap(flags.source));
-  LayerArguments arguments{{words.begin(), words.end()}, {}, {}};
-  if (flags.command == LayerCommand::kShift) {
-    std::vector<std::string>& layers = arguments.layers;
-    if (layers.size() < 3) {
-      return InvalidArgument(
-          "give the layer, then X and Y in knot intervals, 40 -2, or in metres, 2m -0.1m");
-    }
-    SPLINEMAP_ASSIGN_OR_RETURN(arguments.y, ParseShift(layers.back()));
-    layers.pop_back();
-    SPLINEMAP_ASSIGN_OR_RETURN(arguments.x, ParseShift(layers.back()));
-    layers.pop_back();
+  LayerArguments arguments{{words.begin(), words.end()}, {}};
+  std::vector<std::string>& layers = arguments.layers;
+  if (flags.command == LayerCommand::kPlace) {
+    constexpr size_t kNumbers = 3;
+    if (layers.size() <= kNumbers) return InvalidArgument("{}", kPlacementArguments);
+    SPLINEMAP_ASSIGN_OR_RETURN(arguments.placement,
+                               ParsePlacement(absl::MakeSpan(layers).last(kNumbers)));
+    layers.resize(layers.size() - kNumbers);
   }
-  if (arguments.layers.empty()) return InvalidArgument("give the layer to change");
+  if (layers.empty()) return InvalidArgument("give the layer to change");
   return arguments;
 }
 
-// In whole knot intervals.
-absl::StatusOr<int32_t> KnotsOf(const TypedShift& shift, double knot_m) {
-  constexpr double kRounding = 1e-3;  // of a knot interval
-  const double knots = shift.is_in_metres ? shift.number / knot_m : shift.number;
-  if (!(std::abs(knots) <= KnotShift::kMax)) {
-    return InvalidArgument("a layer can be shifted by {} knots at most", KnotShift::kMax);
-  }
-  if (std::abs(knots - std::round(knots)) > kRounding) {
-    const std::string of = shift.is_in_metres ? fmt::format(" of {} m", knot_m) : "";
-    const auto typed = [&](double whole) {
-      return shift.is_in_metres ? fmt::format("{:.12g}m", whole * knot_m)
-                                : fmt::format("{}", whole);
-    };
-    return InvalidArgument("{} is no whole number of knot intervals{}; {} and {} are", shift.text,
-                           of, typed(std::floor(knots)), typed(std::ceil(knots)));
-  }
-  return static_cast<int32_t>(std::lround(knots));
-}
-
-absl::StatusOr<KnotShift> ShiftOf(const LayerArguments& arguments, double knot_m) {
-  KnotShift shift;
-  SPLINEMAP_ASSIGN_OR_RETURN(shift.i, KnotsOf(arguments.x, knot_m));
-  SPLINEMAP_ASSIGN_OR_RETURN(shift.j, KnotsOf(arguments.y, knot_m));
-  return shift;
-}
-
-absl::Status Change(LayerCommand command, KnotShift shift, const LayerId& id, LayerSet& set) {
+absl::Status Change(LayerCommand command, const Pose2& placement, const LayerId& id,
+                    LayerSet& set) {
   LayerSettings settings = set.settings.Next(id, RandomId());
   if (command == LayerCommand::kRemove) {
     SPLINEMAP_ASSIGN_OR_RETURN(set, WithoutLayers(set, {id}, RandomId()));
     return absl::OkStatus();
   }
-  Apply(command, shift, set.Find(id)->session, settings);
+  Apply(command, FixedPose2::Nearest(placement), set.Find(id)->session, settings);
   if (!set.settings.Merge(id, settings)) {
     return FailedPrecondition("the map has no room for settings of another layer");
   }
@@ -116,8 +91,6 @@ absl::StatusOr<int> ChangeFile(const LayerFlags& flags, const LayerArguments& ar
   if (flags.output.path.empty()) return InvalidArgument("give the map file to write with --out");
   SPLINEMAP_RETURN_IF_ERROR(CheckMapOutput(flags.output, {map}));
   SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadInput(map, flags.accepts_corrupt));
-  SPLINEMAP_ASSIGN_OR_RETURN(const KnotShift shift,
-                             ShiftOf(arguments, loaded.set.options.knot_interval_m));
   std::vector<LayerId> candidates;
   for (const LayerSnapshot& layer : loaded.set.layers) candidates.push_back(layer.id);
   std::vector<LayerId> found;
@@ -125,7 +98,7 @@ absl::StatusOr<int> ChangeFile(const LayerFlags& flags, const LayerArguments& ar
     SPLINEMAP_ASSIGN_OR_RETURN(found.emplace_back(), FindLayer(candidates, text, map));
   }
   for (const LayerId& id : found) {
-    SPLINEMAP_RETURN_IF_ERROR(Change(flags.command, shift, id, loaded.set));
+    SPLINEMAP_RETURN_IF_ERROR(Change(flags.command, arguments.placement, id, loaded.set));
     PrintLine(stderr, "{} {}", NameOf(flags.command), NameOf(id));
   }
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(loaded.set, flags.output.path));
@@ -170,17 +143,13 @@ absl::StatusOr<int> ChangeLive(const LayerFlags& flags, const LayerArguments& ar
   for (int n = 0; n < 3 && !layers.ok(); ++n) layers = ReceiveNamedLayers(flags, arguments);
   SPLINEMAP_RETURN_IF_ERROR(layers.status());
   for (const LiveLayer& layer : *layers) {
-    double knot_m = 1;
-    if (arguments.x.is_in_metres || arguments.y.is_in_metres) {
-      SPLINEMAP_ASSIGN_OR_RETURN(knot_m, ReceiveKnotInterval(flags.source.bus, layer.id));
-    }
-    SPLINEMAP_ASSIGN_OR_RETURN(const KnotShift shift, ShiftOf(arguments, knot_m));
     ClientOptions options;
     options.channel_prefix = flags.source.bus.channel_prefix;
     options.robot = layer.daemon;
     SPLINEMAP_ASSIGN_OR_RETURN(const auto client,
                                MapClient::Connect(flags.source.bus.lcm_url, options));
-    SPLINEMAP_RETURN_IF_ERROR(client->Set({flags.command, layer.id, layer.session_number, shift}));
+    SPLINEMAP_RETURN_IF_ERROR(
+        client->Set({flags.command, layer.id, layer.session_number, arguments.placement}));
     PrintLine(stderr, "{} {}: saved by the daemon of {}; the others follow within 2 s",
               NameOf(flags.command), NameOf(layer.id), layer.daemon);
   }
@@ -195,15 +164,19 @@ absl::StatusOr<int> ChangeLayer(const LayerFlags& flags) {
 constexpr const char* kLayerExamples = R"(
 Examples:
   splinemap layer mute --live robot-3
-  splinemap layer shift --live robot-3 40 -2       40 knots along x, -2 along y, from its frame
-  splinemap layer shift --live robot-3 2m -0.1m    the same in metres, at a knot interval of 0.05 m
+  splinemap layer place --live robot-3 2 -0.1 30   its origin lies at (2, -0.1) m, its axes are
+                                                   turned by 30 degrees, counter-clockwise
   splinemap layer low-weight --live robot-3@5f20   counts less than the others
   splinemap layer remove fleet.splinemap robot-3 robot-4 --out without.splinemap
 
 With --live every daemon and client on the bus applies the settings, and those that are offline do
 so when they return. With MAP the command writes a changed copy. A removed layer is deleted for
 good, from the disk of its robot too, and merging with an older file does not restore it. A layer is
-given as NAME, or as NAME@ORIGIN, of which the first digits suffice; splinemap layers lists them.)";
+given as NAME, or as NAME@ORIGIN, of which the first digits suffice; splinemap layers lists them.
+
+A placement is that of the layer's frame, not from where it was placed before; 0 0 0 takes it back.
+Whole knot intervals and quarters of a turn are exact; others are interpolated whenever the map is
+read, and the layer is called approximate.)";
 
 constexpr const char* kLayerCommandExamples = R"(
 Examples:
@@ -215,13 +188,13 @@ splinemap layer --help explains the settings.)";
 void AddLayerCommand(CLI::App& parent, const LayerCommandText& text, Command& chosen) {
   auto flags = std::make_shared<LayerFlags>();
   flags->command = text.command;
-  const bool is_shift = text.command == LayerCommand::kShift;
+  const bool is_place = text.command == LayerCommand::kPlace;
   CLI::App* command = parent.add_subcommand(text.name, text.what);
-  command->footer(fmt::format(kLayerCommandExamples, text.name, is_shift ? " 40 -2" : ""));
-  AddMapSource(*command, is_shift ? "MAP LAYER X Y" : "MAP LAYER",
-               is_shift ? "the layer, and knot intervals, or metres (2m), along x and y"
-                        : "the layer, or several",
-               flags->source);
+  command->footer(fmt::format(kLayerCommandExamples, text.name, is_place ? " 2 -0.1 30" : ""));
+  AddMapSource(
+      *command, is_place ? "MAP LAYER X_M Y_M YAW_DEG" : "MAP LAYER",
+      is_place ? "the layer, and where its frame lies in the map's" : "the layer, or several",
+      flags->source);
   AddOutOption(*command, "Map file to write; required with MAP", flags->output)
       ->excludes(command->get_option("--live"));
   AddCorruptFlag(*command, flags->accepts_corrupt);

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "clients/splinemap/layer_name.h"
 #include "fmt/format.h"
@@ -11,6 +13,7 @@
 #include "lib/base/plain_text.h"
 #include "lib/layers/layer_extent.h"
 #include "lib/map/contradictions.h"
+#include "lib/map/placed_tile.h"
 #include "lib/map/summed_layers.h"
 #include "lib/replication/settings_gossip.h"
 #include "lib/tiles/tile_codec.h"
@@ -22,11 +25,27 @@ constexpr std::array kHeader{"layer",   "state",        "heard_s", "session", "c
                              "area_m2", "contradicted", "box_m",   "hash",    "settings"};
 using TableRow = std::array<std::string, kHeader.size()>;
 
+// As people type it: rounded to what a FixedPose2 says.
+struct TypedPlacement {
+  double x_m;
+  double y_m;
+  double yaw_deg;
+
+  explicit TypedPlacement(const FixedPose2& placement) {
+    const auto rounded = [](double number) { return std::round(number * 1e6) / 1e6 + 0.0; };
+    const Pose2 pose = placement.ToPose();
+    x_m = rounded(pose.position_m.x());
+    y_m = rounded(pose.position_m.y());
+    yaw_deg = rounded(pose.yaw_rad * 180 / std::numbers::pi);
+  }
+};
+
 TableRow CellsOf(const LayerRow& layer) {
   TableRow row;
   row.fill("-");
   row.front() = NameOf(layer.id);
   row.back() = TextOf(layer.settings, layer.content.has_value());
+  if (layer.is_approximate) row.back() += ", approximate";
   if (!layer.state.empty()) row[1] = PlainText(layer.state);
   if (layer.heard_s_ago >= 0) row[2] = fmt::format("{:.1f}", layer.heard_s_ago);
   if (!layer.content) return row;
@@ -50,7 +69,8 @@ LayerRow RowOf(const layer_status_t& layer) {
                std::nullopt,
                FromMessage(layer.settings),
                layer.state,
-               layer.heard_s_ago};
+               layer.heard_s_ago,
+               layer.is_approximate != 0};
   if (layer.state == "removed") return row;
   row.content = LayerRow::Content{
       {static_cast<uint64_t>(layer.session_number), static_cast<uint64_t>(layer.session_nonce)},
@@ -74,13 +94,13 @@ LayerRow RowOf(const LayerSnapshot& layer, const LayerSettings& settings, double
                             layer.revision,
                             layer.tiles.size(),
                             extent.area_m2(knot_interval_m),
-                            extent.Box(settings.shift, knot_interval_m),
+                            extent.Box(settings.placement, knot_interval_m),
                             0,
                             std::nullopt};
   layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
     content.hash += TileChecksum(key, *entry.tile);
   });
-  return {layer.id, content, settings, "", -1};
+  return {layer.id, content, settings, "", -1, IsApproximate(settings.placement, knot_interval_m)};
 }
 
 std::vector<LayerRow> RowsOf(const LayerSet& map) {
@@ -95,7 +115,7 @@ std::vector<LayerRow> RowsOf(const LayerSet& map) {
   for (const auto& [id, settings] : map.settings.records()) {
     const bool is_there = std::any_of(rows.begin(), rows.begin() + num_layers,
                                       [&, &id = id](const LayerRow& row) { return row.id == id; });
-    if (!is_there) rows.push_back({id, std::nullopt, settings, "", -1});
+    if (!is_there) rows.push_back({id, std::nullopt, settings, "", -1, false});
   }
   return rows;
 }
@@ -106,8 +126,10 @@ std::string TextOf(const LayerSettings& settings, bool is_there) {
   std::vector<std::string> texts;
   if (settings.muted) texts.push_back("muted");
   if (settings.low_weight) texts.push_back("low weight");
-  if (settings.shift != KnotShift{}) {
-    texts.push_back(fmt::format("shifted by {}, {} knots", settings.shift.i, settings.shift.j));
+  if (!settings.placement.IsIdentity()) {
+    const TypedPlacement placement(settings.placement);
+    texts.push_back(
+        fmt::format("placed at {}, {} m, {} deg", placement.x_m, placement.y_m, placement.yaw_deg));
   }
   return fmt::format("{}", fmt::join(texts, ", "));
 }
@@ -139,12 +161,15 @@ std::string TableOf(const std::vector<LayerRow>& layers) {
 
 nlohmann::json ToJson(const LayerRow& row) {
   const LayerSettings& settings = row.settings;
+  const TypedPlacement placement(settings.placement);
   nlohmann::json json = {
       {"name", row.id.name},
       {"origin", fmt::format("{:016x}", row.id.origin)},
       {"muted", settings.muted},
       {"low_weight", settings.low_weight},
-      {"shift_knots", {settings.shift.i, settings.shift.j}},
+      {"placement",
+       {{"x_m", placement.x_m}, {"y_m", placement.y_m}, {"yaw_deg", placement.yaw_deg}}},
+      {"is_approximate", row.is_approximate},
       {"removed_up_to", settings.removed_up_to},
       {"in_sum", row.content.has_value() && settings.IsSummed()},
   };

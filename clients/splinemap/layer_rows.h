@@ -36,6 +36,7 @@ struct LayerRow {
   // owner, -1 before the first.
   std::string state;
   double heard_s_ago = -1;
+  bool is_approximate = false;  // resampled, since it is placed beside the knots of the map
 };
 
 LayerRow RowOf(const LayerSnapshot& layer, const LayerSettings& settings, double knot_interval_m);
@@ -46,8 +47,8 @@ LayerRow RowOf(const layer_status_t& layer);
 // Of the layers of a map, and then of those that only have settings.
 std::vector<LayerRow> RowsOf(const LayerSet& map);
 
-// "muted, shifted by 3, -2 knots", "removed"; empty for the default settings. `is_there`: the layer
-// is in the map, not its settings alone.
+// "muted, placed at 2, -0.1 m, 30 deg", "removed"; empty for the default settings. `is_there`: the
+// layer is in the map, not its settings alone.
 std::string TextOf(const LayerSettings& settings, bool is_there);
 
 // A table with a header.

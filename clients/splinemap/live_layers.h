@@ -6,7 +6,6 @@
 #include "absl/status/statusor.h"
 #include "clients/splinemap/bus_flags.h"
 #include "lcmtypes/splinemap/layers_t.hpp"
-#include "splinemap/layer.h"
 
 namespace splinemap {
 
@@ -14,8 +13,5 @@ namespace splinemap {
 // that is not empty. Listens until the timeout, since each publishes once a second. NotFound where
 // none does.
 absl::StatusOr<std::vector<layers_t>> ReceiveLayers(const BusFlags& bus, const std::string& robot);
-
-// The knot interval of a layer, from its next digest. NotFound where none comes until the timeout.
-absl::StatusOr<double> ReceiveKnotInterval(const BusFlags& bus, const LayerId& id);
 
 }  // namespace splinemap

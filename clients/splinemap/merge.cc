@@ -98,7 +98,7 @@ class Merger {
       PrintLine(stderr,
                 "warning: {} of {} are where the others saw free space; its frame may be another, "
                 "and the sum loses walls. splinemap render --contradictions shows where, splinemap "
-                "layer shifts or mutes it",
+                "layer places or mutes it",
                 ObstaclesText(contradiction), NameOf(id));
     }
   }

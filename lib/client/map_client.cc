@@ -244,8 +244,9 @@ absl::Status MapClient::Set(const LayerChange& change, std::chrono::milliseconds
   request.name = change.layer.name;
   request.origin = static_cast<int64_t>(change.layer.origin);
   request.session_number = static_cast<int64_t>(change.session_number);
-  request.shift_i = change.shift.i;
-  request.shift_j = change.shift.j;
+  request.x_m = change.placement.position_m.x();
+  request.y_m = change.placement.position_m.y();
+  request.yaw_rad = change.placement.yaw_rad;
   return impl_->Command(std::move(request), deadline);
 }
 

@@ -18,6 +18,12 @@ int64_t UnitsOf(double coordinate_m) {
 
 }  // namespace
 
+bool FixedPose2::IsInRange(const Pose2& pose) {
+  // Also false for NaN.
+  return pose.position_m.cwiseAbs().maxCoeff<Eigen::PropagateNaN>() <= kMaxUnits / kUnitsPerMetre &&
+         std::isfinite(pose.yaw_rad);
+}
+
 FixedPose2 FixedPose2::Nearest(const Pose2& pose) {
   const double turns = WrapAngle(pose.yaw_rad) / kTurn_rad;
   return {UnitsOf(pose.position_m.x()), UnitsOf(pose.position_m.y()),

@@ -18,8 +18,8 @@ Eigen::Vector2d operator*(const Pose2& a_T_b, const Eigen::Vector2d& p_b) {
 }
 
 Pose2 Inverse(const Pose2& a_T_b) {
-  const Pose2 turned_back{{0, 0}, -a_T_b.yaw_rad};
-  return {turned_back * Eigen::Vector2d(-a_T_b.position_m), -a_T_b.yaw_rad};
+  const Pose2 turn{Eigen::Vector2d::Zero(), -a_T_b.yaw_rad};
+  return {turn * Eigen::Vector2d(-a_T_b.position_m), turn.yaw_rad};
 }
 
 double WrapAngle(double angle_rad) {

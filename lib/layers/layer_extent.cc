@@ -1,6 +1,10 @@
 #include "lib/layers/layer_extent.h"
 
+#include <Eigen/Core>
 #include <algorithm>
+#include <limits>
+
+#include "lib/geometry/angle.h"
 
 namespace splinemap {
 
@@ -34,25 +38,30 @@ double LayerExtent::area_m2(double knot_interval_m) const {
   return static_cast<double>(points_) * knot_interval_m * knot_interval_m;
 }
 
-std::optional<Region> LayerExtent::Box(KnotShift shift, double knot_interval_m) const {
+std::optional<Region> LayerExtent::Box(const FixedPose2& map_T_layer,
+                                       double knot_interval_m) const {
   if (points_ == 0) return std::nullopt;
-  int64_t i0 = INT64_MAX;
-  int64_t j0 = INT64_MAX;
-  int64_t i1 = INT64_MIN;
-  int64_t j1 = INT64_MIN;
+  const Pose2 pose = map_T_layer.ToPose();
+  const Eigen::Vector2d x_axis = UnitVector(pose.yaw_rad);
+  Eigen::Matrix2d turn;
+  turn << x_axis.x(), -x_axis.y(), x_axis.y(), x_axis.x();
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  Eigen::Vector2d least(kInfinity, kInfinity);
+  Eigen::Vector2d greatest = -least;
   for (const auto& [key, touched] : tiles_) {
     if (touched.points == 0) continue;
-    const int64_t i = int64_t{Tile::kSide} * key.tx + shift.i;
-    const int64_t j = int64_t{Tile::kSide} * key.ty + shift.j;
-    i0 = std::min(i0, i + touched.i0);
-    j0 = std::min(j0, j + touched.j0);
-    i1 = std::max(i1, i + touched.i1);
-    j1 = std::max(j1, j + touched.j1);
+    const Eigen::Vector2d centre(Tile::kSide * key.tx + (touched.i0 + touched.i1) / 2.0,
+                                 Tile::kSide * key.ty + (touched.j0 + touched.j1) / 2.0);
+    const Eigen::Vector2d half((touched.i1 - touched.i0 + 1) / 2.0,
+                               (touched.j1 - touched.j0 + 1) / 2.0);
+    const Eigen::Vector2d of_map = turn * centre;
+    const Eigen::Vector2d half_of_map = turn.cwiseAbs() * half;
+    least = least.cwiseMin(of_map - half_of_map);
+    greatest = greatest.cwiseMax(of_map + half_of_map);
   }
-  const auto edge_m = [&](int64_t knot, double half) {
-    return (static_cast<double>(knot) + half) * knot_interval_m;
-  };
-  return Region{edge_m(i0, -0.5), edge_m(j0, -0.5), edge_m(i1, 0.5), edge_m(j1, 0.5)};
+  least = pose.position_m + knot_interval_m * least;
+  greatest = pose.position_m + knot_interval_m * greatest;
+  return Region{least.x(), least.y(), greatest.x(), greatest.y()};
 }
 
 }  // namespace splinemap

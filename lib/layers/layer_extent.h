@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "absl/container/flat_hash_map.h"
-#include "splinemap/layer_settings.h"
+#include "splinemap/fixed_pose2.h"
 #include "splinemap/region.h"
 #include "splinemap/tile_tree.h"
 
@@ -20,8 +20,9 @@ class LayerExtent {
   void SetAll(const TileTree& tiles);
 
   double area_m2(double knot_interval_m) const;
-  // Around all squares, in the map frame; none where nothing is known. Costs all tiles.
-  std::optional<Region> Box(KnotShift shift, double knot_interval_m) const;
+  // Around all squares, in the map frame; none where nothing is known. Where the layer is turned,
+  // around those of a tile, turned, and so some more. Costs all tiles.
+  std::optional<Region> Box(const FixedPose2& map_T_layer, double knot_interval_m) const;
 
  private:
   struct Touched {

@@ -16,8 +16,9 @@ uint64_t HashOf(const LayerId& id, const LayerSettings& setting) {
   };
   add(id.origin);
   add((setting.muted ? 1 : 0) + (setting.low_weight ? 2 : 0));
-  add(static_cast<uint32_t>(setting.shift.i));
-  add(static_cast<uint32_t>(setting.shift.j));
+  add(static_cast<uint64_t>(setting.placement.x));
+  add(static_cast<uint64_t>(setting.placement.y));
+  add(static_cast<uint32_t>(setting.placement.yaw));
   add(setting.counter);
   add(setting.writer);
   add(setting.removed_up_to);
@@ -27,31 +28,22 @@ uint64_t HashOf(const LayerId& id, const LayerSettings& setting) {
 
 }  // namespace
 
-Region InLayerFrame(const Region& region, KnotShift shift, double knot_interval_m) {
-  const double x_m = shift.i * knot_interval_m;
-  const double y_m = shift.j * knot_interval_m;
-  return {region.x0_m - x_m, region.y0_m - y_m, region.x1_m - x_m, region.y1_m - y_m};
-}
-
 bool LayerSettings::IsValid() const {
-  const auto is_within = [](int32_t knots) {
-    return knots >= -KnotShift::kMax && knots <= KnotShift::kMax;
-  };
-  return is_within(shift.i) && is_within(shift.j) && counter <= SessionId::kMaxNumber &&
+  return placement.IsValid() && counter <= SessionId::kMaxNumber &&
          removed_up_to <= SessionId::kMaxNumber;
 }
 
 void LayerSettings::Remove(const SessionId& session) {
   muted = false;
   low_weight = false;
-  shift = {};
+  placement = {};
   removed_up_to = std::max(removed_up_to, session.number | (kSessionsPerGeneration - 1));
 }
 
 LayerSettings Merge(const LayerSettings& a, const LayerSettings& b) {
   // All fields, so that there is an order even between two records of one writer's counter.
   const auto rank = [](const LayerSettings& c) {
-    return std::tie(c.counter, c.writer, c.muted, c.low_weight, c.shift);
+    return std::tie(c.counter, c.writer, c.muted, c.low_weight, c.placement);
   };
   LayerSettings merged = rank(a) < rank(b) ? b : a;
   merged.removed_up_to = std::max(a.removed_up_to, b.removed_up_to);

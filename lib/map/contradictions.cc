@@ -2,6 +2,7 @@
 
 #include "fmt/format.h"
 #include "lib/map/control_point_reader.h"
+#include "lib/map/placed_tile.h"
 
 namespace splinemap {
 namespace {
@@ -14,10 +15,10 @@ constexpr int32_t kAround = 2;
 // What the map says at its control points without one of its layers.
 class OtherLayers {
  public:
-  OtherLayers(const MapView& sum, const LayerSnapshot& layer, KnotShift shift)
-      : sum_(sum.tiles), layer_(layer.tiles), shift_(shift) {}
+  // `layer` as it is placed.
+  OtherLayers(const TileTree& sum, const TileTree& layer) : sum_(sum), layer_(layer) {}
 
-  int At(int32_t i, int32_t j) { return sum_.At(i, j) - layer_.At(i - shift_.i, j - shift_.j); }
+  int At(int32_t i, int32_t j) { return sum_.At(i, j) - layer_.At(i, j); }
   bool Knows(int32_t i, int32_t j) { return At(i, j) != 0; }
   bool IsFreeAround(int32_t i, int32_t j) {
     for (int32_t dj = -kAround; dj <= kAround; ++dj) {
@@ -31,7 +32,6 @@ class OtherLayers {
  private:
   ControlPointReader sum_;
   ControlPointReader layer_;
-  KnotShift shift_;
 };
 
 }  // namespace
@@ -50,12 +50,14 @@ void VisitComparedPoints(const LayerSet& set, const MapView& sum, ComparedPointV
   for (const LayerSnapshot& layer : set.layers) {
     const LayerSettings& settings = set.settings.Of(layer.id);
     if (!settings.IsSummed()) continue;
-    OtherLayers others(sum, layer, settings.shift);
-    layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    const TileTree placed =
+        Placed(layer.tiles, KnotPlacement(settings.placement, set.options.knot_interval_m));
+    OtherLayers others(sum.tiles, placed);
+    placed.ForEach([&](TileKey key, const TileTree::Entry& entry) {
       for (int k = 0; k < Tile::kSize; ++k) {
         if (entry.tile->control_points[k] < kCertain) continue;
-        const int32_t i = Tile::kSide * key.tx + k % Tile::kSide + settings.shift.i;
-        const int32_t j = Tile::kSide * key.ty + k / Tile::kSide + settings.shift.j;
+        const int32_t i = Tile::kSide * key.tx + k % Tile::kSide;
+        const int32_t j = Tile::kSide * key.ty + k / Tile::kSide;
         if (others.Knows(i, j)) visit(layer.id, i, j, others.IsFreeAround(i, j));
       }
     });

@@ -12,7 +12,7 @@
 namespace splinemap {
 
 // How far the obstacles of one layer contradict the other layers of a map. A layer whose frame is
-// turned or shifted has most of its walls where the others saw free space.
+// turned or displaced has most of its walls where the others saw free space.
 struct Contradiction {
   // With fewer points nothing is said.
   static constexpr int64_t kMinCompared = 100;
@@ -37,7 +37,7 @@ using ComparedPointVisitor =
 
 // Compares each layer that is in the sum with the sum of all others. `sum` is that of `set`. Where
 // it is clamped, or of layers of low weight, the others seem to say less than they do. Costs the
-// obstacles of all layers.
+// obstacles of all layers, and all of those that are placed.
 void VisitComparedPoints(const LayerSet& set, const MapView& sum, ComparedPointVisitor visit);
 std::map<LayerId, Contradiction> ContradictionsOf(const LayerSet& set, const MapView& sum);
 

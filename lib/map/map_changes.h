@@ -8,7 +8,8 @@
 namespace splinemap {
 
 // The smallest box over the tiles in which two maps may differ. Costs what changed between two
-// views by one SummedLayers; all tiles where a layer is gone, muted, shifted or in a new session.
+// views by one SummedLayers; all tiles where a layer is gone, muted, placed anew or in a new
+// session.
 TileBox ChangedTiles(const MapView& before, const MapView& after);
 
 // Where the merged maps may differ, also where knot intervals do; nothing where they are equal.

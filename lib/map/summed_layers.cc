@@ -4,7 +4,6 @@
 #include <deque>
 
 #include "absl/container/flat_hash_set.h"
-#include "lib/map/shifted_tile.h"
 #include "lib/tiles/sum_tiles.h"
 
 namespace splinemap {
@@ -22,25 +21,28 @@ TileTree SummedLayers::Sum(const LayerSet& set) {
   std::vector<Summand> summands;
   for (const LayerSnapshot& layer : set.layers) {
     const LayerSettings& setting = set.settings.Of(layer.id);
-    if (setting.IsSummed()) summands.push_back({&layer, setting.low_weight, setting.shift});
+    if (!setting.IsSummed()) continue;
+    summands.push_back(
+        {&layer, setting.low_weight,
+         KnotPlacement(setting.placement, set.options.knot_interval_m, level_of_detail_)});
   }
   if (!Continues(summands)) {
     sum_ = TileTreeEditor();
     seen_.clear();
   }
   // One layer is its own sum: its control points are within the limits already.
-  if (summands.size() == 1 && !summands[0].low_weight && summands[0].shift == KnotShift{}) {
+  if (summands.size() == 1 && !summands[0].low_weight && summands[0].placement.IsIdentity()) {
     return summands[0].layer->tiles;
   }
   absl::flat_hash_set<TileKey> changed;
   for (const Summand& summand : summands) {
-    const auto& [layer, low_weight, shift] = summand;
-    Seen& seen =
-        seen_
-            .try_emplace(layer->id, Seen{layer->session, low_weight, shift, layer->tiles.lineage()})
-            .first->second;
+    const LayerSnapshot* layer = summand.layer;
+    Seen& seen = seen_
+                     .try_emplace(layer->id, Seen{layer->session, summand.low_weight,
+                                                  summand.placement, layer->tiles.lineage()})
+                     .first->second;
     layer->tiles.ForEachChanged(seen.up_to, [&](TileKey key, const TileTree::Entry&) {
-      for (const TileKey moved : KeysOfShifted(key, summand.shift)) changed.insert(moved);
+      for (const TileKey moved : KeysOfPlaced(key, summand.placement)) changed.insert(moved);
     });
     seen.up_to = layer->tiles.version();
   }
@@ -52,14 +54,15 @@ void SummedLayers::SumTile(TileKey key, const std::vector<Summand>& summands,
                            ControlLimits limits) {
   std::vector<const Tile*>& tiles = tiles_;
   std::vector<const Tile*>& low = low_weight_tiles_;
-  std::deque<Tile> shifted;
+  std::deque<Tile> placed;
   tiles.clear();
   low.clear();
-  for (const auto& [layer, low_weight, shift] : summands) {
-    const Tile* tile = shift == KnotShift{}
-                           ? layer->tiles.Find(key)
-                           : ShiftTile(layer->tiles, key, shift, shifted.emplace_back());
-    if (tile != nullptr) (low_weight ? low : tiles).push_back(tile);
+  for (const Summand& summand : summands) {
+    const TileTree& layer = summand.layer->tiles;
+    const Tile* tile = summand.placement.IsIdentity()
+                           ? layer.Find(key)
+                           : PlaceTile(layer, key, summand.placement, placed.emplace_back());
+    if (tile != nullptr) (summand.low_weight ? low : tiles).push_back(tile);
   }
   Tile low_sum;
   if (!low.empty()) {
@@ -68,18 +71,19 @@ void SummedLayers::SumTile(TileKey key, const std::vector<Summand>& summands,
     low_sum = SumTiles(low, within);
     tiles.push_back(&low_sum);
   }
-  // The shifted neighbours of a tile may have nothing of it.
+  // Tiles that one of a layer has a part in may have nothing of it.
   if (!tiles.empty()) sum_.Edit(key, 0) = SumTiles(tiles, limits);
 }
 
 bool SummedLayers::Continues(const std::vector<Summand>& summands) const {
   size_t known = 0;
-  for (const auto& [layer, low_weight, shift] : summands) {
+  for (const Summand& summand : summands) {
+    const LayerSnapshot* layer = summand.layer;
     const auto seen = seen_.find(layer->id);
     if (seen == seen_.end()) continue;
     const Seen& before = seen->second;
-    if (before.session != layer->session || before.low_weight != low_weight ||
-        before.shift != shift || before.lineage != layer->tiles.lineage()) {
+    if (before.session != layer->session || before.low_weight != summand.low_weight ||
+        before.placement != summand.placement || before.lineage != layer->tiles.lineage()) {
       return false;
     }
     ++known;

@@ -5,7 +5,9 @@
 #include <memory>
 #include <vector>
 
+#include "lib/map/placed_tile.h"
 #include "splinemap/layer_set.h"
+#include "splinemap/level_of_detail.h"
 #include "splinemap/map_view.h"
 #include "splinemap/tile.h"
 #include "splinemap/tile_tree.h"
@@ -19,29 +21,33 @@ namespace splinemap {
 // that left, after a few scans (tests/bench/layers).
 class SummedLayers {
  public:
+  // Of layers at that level of detail.
+  explicit SummedLayers(LevelOfDetail level_of_detail = {}) : level_of_detail_(level_of_detail) {}
+
   // tiles[k] = clamp(sum of layers[k] + clamp'(sum of layers of low weight[k])), over the layers
-  // that the settings do not leave out, each shifted as they say. What is shifted beyond
+  // that the settings do not leave out, each placed as they say. What is placed beyond
   // kMaxKnotIndex is left out. Costs what changed since the last call; the whole map where a layer
-  // is gone or shifted, lost tiles, or its owner started a new session.
+  // is gone or placed anew, lost tiles, or its owner started a new session.
   std::shared_ptr<const MapView> Update(const LayerSet& set);
 
  private:
   struct Seen {
     SessionId session;
     bool low_weight;
-    KnotShift shift;
+    KnotPlacement placement;
     uint64_t lineage = 0;  // of its tiles
     uint64_t up_to = 0;    // their version
   };
   struct Summand {
     const LayerSnapshot* layer;
     bool low_weight;
-    KnotShift shift;
+    KnotPlacement placement;
   };
   TileTree Sum(const LayerSet& set);
   void SumTile(TileKey key, const std::vector<Summand>& summands, ControlLimits limits);
   bool Continues(const std::vector<Summand>& summands) const;
 
+  LevelOfDetail level_of_detail_;
   std::map<LayerId, Seen> seen_;
   TileTreeEditor sum_;
   std::vector<const Tile*> tiles_;             // of SumTile()

@@ -103,8 +103,7 @@ absl::Status LayerExchange::Edit(const LayerId& id, Change change) {
   LayerSettings settings = follower_.settings().Next(id, speaker_);
   SPLINEMAP_RETURN_IF_ERROR(change(*session, settings));
   if (!settings.IsValid()) {
-    return InvalidArgument("a shift by ({}, {}) knots; at most {} each way are allowed",
-                           settings.shift.i, settings.shift.j, KnotShift::kMax);
+    return InvalidArgument("settings of {} that cannot be", id.name);
   }
   follower_.Set(id, settings);
   if (!follower_.settings().records().contains(id)) {

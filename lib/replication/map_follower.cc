@@ -15,6 +15,7 @@
 #include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
+#include "lib/map/placed_tile.h"
 
 namespace splinemap {
 namespace {
@@ -55,7 +56,11 @@ bool MatchesName(const std::string& pattern, const std::string& name) {
 }
 
 MapFollower::MapFollower(FollowOptions options, uint64_t speaker)
-    : options_(std::move(options)), speaker_(speaker), seed_(speaker), gossip_({}, speaker) {}
+    : options_(std::move(options)),
+      speaker_(speaker),
+      seed_(speaker),
+      gossip_({}, speaker),
+      sum_(options_.level_of_detail) {}
 
 MapFollower::MapFollower(FollowOptions options, KeeperOptions keeper, const LayerSet& kept,
                          uint64_t speaker, Clock::time_point now)
@@ -64,7 +69,8 @@ MapFollower::MapFollower(FollowOptions options, KeeperOptions keeper, const Laye
       speaker_(speaker),
       seed_(speaker),
       map_options_(keeper_->map_options),
-      gossip_(kept.settings, speaker) {
+      gossip_(kept.settings, speaker),
+      sum_(options_.level_of_detail) {
   for (const LayerSnapshot& layer : kept.layers) {
     if (layer.id == keeper_->own_layer || settings().Of(layer.id).IsRemoved(layer.session))
       continue;
@@ -136,9 +142,9 @@ void MapFollower::Handle(const layers_t& layers, Clock::time_point now) {
     const LayerId id{layer.settings.name, static_cast<uint64_t>(layer.settings.origin)};
     if (layer.num_tiles == 0 || !IsFollowed(id)) continue;
     if (!announced_.contains(id) && announced_.size() >= kMaxLayers) continue;
-    announced_[id] = {{static_cast<uint64_t>(layer.session_number),
-                       static_cast<uint64_t>(layer.session_nonce)},
-                      now};
+    announced_[id] = {
+        {static_cast<uint64_t>(layer.session_number), static_cast<uint64_t>(layer.session_nonce)},
+        now};
   }
 }
 
@@ -160,11 +166,11 @@ LayerFollower::Subset MapFollower::SubsetFor(const LayerId& id) const {
   LayerFollower::Subset subset;
   subset.level_of_detail = options_.level_of_detail;
   if (options_.region) {
-    // Layers are shifted by knots of level 0, and the region is of the map frame.
-    const double fine_m =
-        std::ldexp(map_options_->knot_interval_m, -options_.level_of_detail.level);
-    subset.box = TilesOf(InLayerFrame(*options_.region, settings().Of(id).shift, fine_m),
-                         map_options_->knot_interval_m);
+    const double knot_interval_m = map_options_->knot_interval_m;
+    subset.box = TilesUnder(
+        *options_.region,
+        KnotPlacement(settings().Of(id).placement, knot_interval_m, options_.level_of_detail),
+        knot_interval_m);
   }
   return subset;
 }
@@ -248,7 +254,7 @@ void MapFollower::ChooseOptions(const LayerId& id, const MapOptions& options,
   if (!std::exchange(map_options_, options)) return;
   while (!layers_.empty()) Erase(layers_.begin());
   refused_.clear();
-  sum_ = {};
+  sum_ = SummedLayers(options_.level_of_detail);
 }
 
 // For a layer without tiles there is no loss in being heard of again.
@@ -301,10 +307,10 @@ void MapFollower::Set(const LayerId& id, const LayerSettings& setting) {
   ApplySettings(before);
 }
 
-// Drops what is removed; of a region, other tiles of a layer are needed when its shift changes.
+// Drops what is removed; of a region, other tiles of a layer are needed when it is placed anew.
 void MapFollower::ApplySettings(const SettingsTable& before) {
   ++version_;
-  std::vector<LayerId> shifted;
+  std::vector<LayerId> moved;
   for (auto entry = layers_.begin(); entry != layers_.end();) {
     const LayerId& id = entry->first;
     LayerFollower& copy = entry->second.copy;
@@ -313,11 +319,11 @@ void MapFollower::ApplySettings(const SettingsTable& before) {
       copy.ForgetPreviousSession();
     }
     const bool is_removed = copy.session() != SessionId{} && setting.IsRemoved(copy.session());
-    const bool is_shifted = options_.region && setting.shift != before.Of(id).shift;
-    if (is_shifted && !is_removed) shifted.push_back(id);
-    entry = is_removed || is_shifted ? Erase(entry) : std::next(entry);
+    const bool is_moved = options_.region && setting.placement != before.Of(id).placement;
+    if (is_moved && !is_removed) moved.push_back(id);
+    entry = is_removed || is_moved ? Erase(entry) : std::next(entry);
   }
-  for (const LayerId& id : shifted) Add(id, LayerFollower(id, ++seed_, SubsetFor(id)));
+  for (const LayerId& id : moved) Add(id, LayerFollower(id, ++seed_, SubsetFor(id)));
 }
 
 void MapFollower::SetOwnLayer(LayerId id, uint64_t session_number) {
@@ -384,19 +390,6 @@ Clock::time_point MapFollower::NextTick(Clock::time_point now) const {
   return next;
 }
 
-SettingsTable MapFollower::SummedSettings() const {
-  if (options_.level_of_detail.level == 0) return settings();
-  SettingsTable coarse;
-  for (auto [id, setting] : settings().records()) {
-    const auto round = [&](int32_t knots) {
-      return static_cast<int32_t>(std::lround(std::ldexp(knots, -options_.level_of_detail.level)));
-    };
-    setting.shift = {round(setting.shift.i), round(setting.shift.j)};
-    coarse.Merge(id, setting);
-  }
-  return coarse;
-}
-
 LayerSet MapFollower::Layers() {
   LayerSet set;
   if (map_options_) set.options = *map_options_;
@@ -404,7 +397,7 @@ LayerSet MapFollower::Layers() {
     LayerSnapshot layer = followed.copy.Snapshot();
     if (layer.session != SessionId{}) set.layers.push_back(std::move(layer));
   }
-  set.settings = SummedSettings();
+  set.settings = settings();
   return set;
 }
 
@@ -414,7 +407,7 @@ LayerSet MapFollower::SyncedLayers() const {
   for (const auto& [id, followed] : layers_) {
     if (followed.copy.synced()) set.layers.push_back(*followed.copy.synced());
   }
-  set.settings = SummedSettings();
+  set.settings = settings();
   return set;
 }
 

@@ -123,7 +123,6 @@ class MapFollower {
   Followed* Find(const layer_ref_t& layer);
   LayerFollower::Subset SubsetFor(const LayerId& id) const;
   void Add(const LayerId& id, LayerFollower copy);
-  SettingsTable SummedSettings() const;
   void ApplySettings(const SettingsTable& before);
   bool HasDuplicateName(const LayerId& id) const;
   void ForgetReplaced(const LayerId& speaker, Clock::time_point now);
@@ -141,7 +140,7 @@ class MapFollower {
     MapOptions options;
     Clock::time_point when;
   };
-  std::map<LayerId, Told> told_;        // the options of layers, by digests of late
+  std::map<LayerId, Told> told_;  // the options of layers, by digests of late
   // What daemons have said of late that they have.
   struct Announced {
     SessionId session;

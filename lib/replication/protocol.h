@@ -12,7 +12,7 @@
 namespace splinemap {
 
 // What owners and followers of layers agree on; lcmtypes/FOLLOWING.md describes it.
-inline constexpr int32_t kProtocolVersion = 2;
+inline constexpr int32_t kProtocolVersion = 3;
 inline constexpr size_t kMaxMessageBytes = 1400;  // one Ethernet frame
 
 // One session of a layer at one level of detail.

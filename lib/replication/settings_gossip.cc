@@ -29,8 +29,9 @@ layer_settings_t ToMessage(const LayerId& id, const LayerSettings& setting, bool
   message.origin = static_cast<int64_t>(id.origin);
   message.muted = setting.muted ? 1 : 0;
   message.low_weight = setting.low_weight ? 1 : 0;
-  message.shift_i = setting.shift.i;
-  message.shift_j = setting.shift.j;
+  message.placement_x = setting.placement.x;
+  message.placement_y = setting.placement.y;
+  message.placement_yaw = setting.placement.yaw;
   message.counter = static_cast<int64_t>(setting.counter);
   message.writer = static_cast<int64_t>(setting.writer);
   message.removed_up_to = static_cast<int64_t>(setting.removed_up_to);
@@ -41,7 +42,7 @@ layer_settings_t ToMessage(const LayerId& id, const LayerSettings& setting, bool
 LayerSettings FromMessage(const layer_settings_t& message) {
   return {.muted = message.muted != 0,
           .low_weight = message.low_weight != 0,
-          .shift = {message.shift_i, message.shift_j},
+          .placement = {message.placement_x, message.placement_y, message.placement_yaw},
           .counter = static_cast<uint64_t>(message.counter),
           .writer = static_cast<uint64_t>(message.writer),
           .removed_up_to = static_cast<uint64_t>(message.removed_up_to)};

@@ -101,18 +101,29 @@ store::SettingsRecord ToRecord(const LayerId& id, const LayerSettings& setting) 
   *record.mutable_layer() = ToRecord(id);
   record.set_muted(setting.muted);
   record.set_low_weight(setting.low_weight);
-  record.set_shift_i(setting.shift.i);
-  record.set_shift_j(setting.shift.j);
+  record.set_placement_x(setting.placement.x);
+  record.set_placement_y(setting.placement.y);
+  record.set_placement_yaw(setting.placement.yaw);
   record.set_counter(setting.counter);
   record.set_writer(setting.writer);
   record.set_removed_up_to(setting.removed_up_to);
   return record;
 }
 
-LayerSettings FromRecord(const store::SettingsRecord& record) {
+// What cannot be is no valid placement.
+FixedPose2 PlacementOf(const store::SettingsRecord& record, double knot_interval_m) {
+  if (record.shift_i() == 0 && record.shift_j() == 0) {
+    return {record.placement_x(), record.placement_y(), record.placement_yaw()};
+  }
+  const Pose2 pose{{record.shift_i() * knot_interval_m, record.shift_j() * knot_interval_m}, 0};
+  return FixedPose2::IsInRange(pose) ? FixedPose2::Nearest(pose)
+                                     : FixedPose2{.x = FixedPose2::kMaxUnits + 1};
+}
+
+LayerSettings FromRecord(const store::SettingsRecord& record, double knot_interval_m) {
   return {.muted = record.muted(),
           .low_weight = record.low_weight(),
-          .shift = {record.shift_i(), record.shift_j()},
+          .placement = PlacementOf(record, knot_interval_m),
           .counter = record.counter(),
           .writer = record.writer(),
           .removed_up_to = record.removed_up_to()};
@@ -314,7 +325,7 @@ class MapReader {
     SettingsTable settings;
     for (const store::SettingsRecord& record : map_record_->settings()) {
       const LayerId id = FromRecord(record.layer());
-      const LayerSettings setting = FromRecord(record);
+      const LayerSettings setting = FromRecord(record, set_.options.knot_interval_m);
       if (CheckLayerId(id).ok() && setting.IsValid() &&
           (settings.Merge(id, setting) || settings.Of(id) == setting)) {
         continue;

@@ -26,7 +26,15 @@ absl::Status Change(LayerCommand command, const layer_command_request_t& request
     return FailedPrecondition("the command is for session {} of layer {}, which is in session {}",
                               request.session_number, Quoted(request.name), session.number);
   }
-  Apply(command, {request.shift_i, request.shift_j}, session, settings);
+  const Pose2 placement{{request.x_m, request.y_m}, request.yaw_rad};
+  if (!FixedPose2::IsInRange(placement)) {
+    return InvalidArgument(
+        "a placement at ({}, {}) m, turned by {} rad; at most {:.0f} km each way "
+        "are allowed",
+        request.x_m, request.y_m, request.yaw_rad,
+        1e-3 * FixedPose2::kMaxUnits / FixedPose2::kUnitsPerMetre);
+  }
+  Apply(command, FixedPose2::Nearest(placement), session, settings);
   return absl::OkStatus();
 }
 
@@ -98,8 +106,9 @@ void CommandHandlers::ChangeLayer(const layer_command_request_t& request,
   }
   const LayerId id{request.name, static_cast<uint64_t>(request.origin)};
   std::string text = NameOf(*command);
-  if (*command == LayerCommand::kShift) {
-    text += fmt::format(" by ({}, {}) knots", request.shift_i, request.shift_j);
+  if (*command == LayerCommand::kPlace) {
+    text +=
+        fmt::format(" at ({}, {}) m, turned by {} rad", request.x_m, request.y_m, request.yaw_rad);
   }
   replication_.Edit(
       id,

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "lib/map/placed_tile.h"
 #include "lib/replication/settings_gossip.h"
 #include "lib/tiles/tile_codec.h"
 
@@ -46,8 +47,9 @@ std::vector<layer_status_t> LayerReport::Make(
     status.num_tiles = static_cast<int64_t>(summary.hashes.num_tiles());
     status.hash = static_cast<int64_t>(summary.hashes.hash());
     const double knot_m = set.options.knot_interval_m;
+    status.is_approximate = IsApproximate(setting.placement, knot_m) ? 1 : 0;
     status.area_m2 = summary.extent.area_m2(knot_m);
-    if (const auto box = summary.extent.Box(setting.shift, knot_m)) {
+    if (const auto box = summary.extent.Box(setting.placement, knot_m)) {
       status.x0_m = box->x0_m;
       status.y0_m = box->y0_m;
       status.x1_m = box->x1_m;

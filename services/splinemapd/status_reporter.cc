@@ -237,7 +237,7 @@ void StatusReporter::CheckContradictions() {
         Problem::kContradiction, id.name,
         fmt::format("{} of the layer of {} are where the others saw free space, so its frame may "
                     "be another: splinemap render --live --contradictions shows where, splinemap "
-                    "layer shifts or mutes it",
+                    "layer places or mutes it",
                     ObstaclesText(contradiction), id.name));
   }
 }

@@ -37,10 +37,9 @@ absl::StatusOr<ViewRequest> RequestOf(const json& view) {
   return request;
 }
 
-// The tiles of the request, in the frame of a layer, cut to kMaxTiles about their middle.
-TileBox TilesOf(const ViewRequest& request, KnotShift shift, double knot_interval_m) {
-  TileBox box = TilesOf(InLayerFrame(request.region, shift, knot_interval_m),
-                        knot_interval_m * std::ldexp(1, request.level));
+// The tiles of the request, cut to kMaxTiles about their middle.
+TileBox TilesOf(const ViewRequest& request, double knot_interval_m) {
+  TileBox box = TilesOf(request.region, knot_interval_m * std::ldexp(1, request.level));
   constexpr int32_t kMaxSide = 256;
   const auto cut = [](int32_t& begin, int32_t& end, int64_t size) {
     if (int64_t{end} - begin <= size) return;
@@ -78,25 +77,25 @@ absl::Status BrowserView::SetRequest(ViewRequest request) {
   if (!is_same_kind || is_request_new_) sent_.clear();
   request_ = std::move(request);
   is_request_new_ = true;
-  sent_up_to_.assign(request_->surfaces.size(), {});
+  sent_up_to_.assign(request_->surfaces.size(), 0);
   return absl::OkStatus();
 }
 
 std::vector<BrowserView::Wanted> BrowserView::FindWanted(double knot_interval_m,
                                                          const FindSurface& find) {
   std::vector<Wanted> wanted;
+  const TileBox box = TilesOf(*request_, knot_interval_m);
   for (size_t n = 0; n < request_->surfaces.size(); ++n) {
     const int surface = static_cast<int>(n);
     const SurfaceLevels* levels = find(request_->surfaces[n]);
     if (levels == nullptr) continue;
-    const TileBox box = TilesOf(*request_, levels->shift(), knot_interval_m);
     if (is_request_new_) {
       // What the page does not see any more it forgets.
       absl::erase_if(sent_, [&](const auto& entry) {
         return std::get<0>(entry.first) == surface && !box.Contains(std::get<1>(entry.first));
       });
     }
-    const UpTo newest{levels->newest_change(request_->level), box};
+    const uint64_t newest = levels->newest_change(request_->level);
     if (sent_up_to_[n] == newest) continue;
     const double centre_x = (box.tx0 + box.tx1 - 1) / 2.0;
     const double centre_y = (box.ty0 + box.ty1 - 1) / 2.0;

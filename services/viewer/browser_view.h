@@ -55,13 +55,6 @@ class BrowserView {
     double distance;
   };
 
-  // What a surface was looked through for: its changes, in this box, which a shift moves.
-  struct UpTo {
-    uint64_t change = 0;
-    TileBox box;
-    bool operator==(const UpTo&) const = default;
-  };
-
   absl::Status SetRequest(ViewRequest request);
   std::vector<Wanted> FindWanted(double knot_interval_m, const FindSurface& find);
 
@@ -69,7 +62,8 @@ class BrowserView {
   bool is_request_new_ = false;
   bool is_complete_ = true;
   absl::flat_hash_map<SentKey, uint64_t> sent_;  // numbers of changes, of the present request
-  std::vector<UpTo> sent_up_to_;                 // by surface
+  // By surface: it was looked through for changes up to that number.
+  std::vector<uint64_t> sent_up_to_;
   Sections::Numbers sent_sections_{};
   int64_t frame_ = 0;
   int64_t acknowledged_ = 0;

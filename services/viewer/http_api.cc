@@ -9,6 +9,7 @@
 #include "lib/base/status.h"
 #include "lib/render/raster.h"
 #include "services/viewer/state_json.h"
+#include "splinemap/pose2.h"
 
 namespace splinemap {
 namespace {
@@ -47,9 +48,8 @@ json ValueOf(const LayerSet& set, const LayerSnapshot& layer, const Vector2d& po
   MapView alone;
   alone.options = set.options;
   alone.tiles = layer.tiles;
-  const double knot_m = set.options.knot_interval_m;
-  const SurfaceSample sample = alone.Evaluate(point_m.x() - settings.shift.i * knot_m,
-                                              point_m.y() - settings.shift.j * knot_m);
+  const Vector2d in_layer_m = Inverse(settings.placement.ToPose()) * point_m;
+  const SurfaceSample sample = alone.Evaluate(in_layer_m.x(), in_layer_m.y());
   return {{"key", KeyOf(layer.id)},
           {"name", layer.id.name},
           {"known", sample.known},

@@ -5,7 +5,9 @@
 #include <nlohmann/json.hpp>
 
 #include "fmt/format.h"
+#include "lib/map/placed_tile.h"
 #include "splinemap/layer_settings.h"
+#include "splinemap/pose2.h"
 
 namespace splinemap {
 namespace {
@@ -83,14 +85,18 @@ std::string LayersJson(const ShownMap& map, const BusState* bus) {
   json rows = json::array();
   for (const LayerSnapshot& layer : set.layers) {
     const LayerSettings& settings = set.settings.Of(layer.id);
+    const Pose2 placement = settings.placement.ToPose();
     json row = {{"key", KeyOf(layer.id)},
                 {"name", layer.id.name},
                 {"origin", fmt::format("{:016x}", layer.id.origin)},
                 {"state", bus == nullptr ? "file" : "stale"},
                 {"is_muted", settings.muted},
                 {"is_low_weight", settings.low_weight},
-                {"shift_x_m", settings.shift.i * set.options.knot_interval_m},
-                {"shift_y_m", settings.shift.j * set.options.knot_interval_m},
+                {"placement",
+                 {{"x_m", placement.position_m.x()},
+                  {"y_m", placement.position_m.y()},
+                  {"yaw_rad", placement.yaw_rad}}},
+                {"is_approximate", IsApproximate(settings.placement, set.options.knot_interval_m)},
                 {"tiles", layer.tiles.size()},
                 {"caught_up", true},
                 {"staleness_ms", 0},

@@ -5,17 +5,16 @@
 
 #include "absl/container/flat_hash_map.h"
 #include "absl/container/flat_hash_set.h"
-#include "splinemap/layer_settings.h"
 #include "splinemap/level_of_detail.h"
 #include "splinemap/region.h"
 #include "splinemap/tile_tree.h"
 
 namespace splinemap {
 
-// A layer, or the sum of all, at every level of detail, and when each of its tiles changed. Control
-// points of levels 1 and 2 are the greatest of the 2 x 2 below them, so that walls do not vanish;
-// from there on the mean of the probabilities of those that are known, so that not all is wall from
-// far. Thread-compatible.
+// A layer as it is placed, or the sum of all, at every level of detail, and when each of its tiles
+// changed. Control points of levels 1 and 2 are the greatest of the 2 x 2 below them, so that walls
+// do not vanish; from there on the mean of the probabilities of those that are known, so that not
+// all is wall from far. Thread-compatible.
 class SurfaceLevels {
  public:
   struct Change {
@@ -32,9 +31,6 @@ class SurfaceLevels {
   const Change* FindChange(int level, TileKey key) const;
   // All numbers of changes at a level are up to this.
   uint64_t newest_change(int level) const { return levels_[level].newest_change; }
-  // From the frame of its tiles to that of the map.
-  KnotShift shift() const { return shift_; }
-  void set_shift(KnotShift shift) { shift_ = shift; }
   // Around all tiles of level 0.
   const TileBox& box() const { return box_; }
 
@@ -55,7 +51,6 @@ class SurfaceLevels {
   uint64_t last_change_ = 0;
   bool is_first_ = true;
   TileBox box_;
-  KnotShift shift_;
 };
 
 // Tile `key` of a level above that of `finer`, of the mean probabilities of squares of 2 x 2

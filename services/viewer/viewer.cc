@@ -122,15 +122,20 @@ bool Viewer::AdvanceSurfaces(const LayerSet& set, const MapView& view) {
     if (!browser->view.request()) continue;
     for (const std::string& name : browser->view.request()->surfaces) wanted.insert(name);
   }
-  std::erase_if(surfaces_, [&](const auto& surface) { return !wanted.contains(surface.first); });
+  const auto is_unwanted = [&](const auto& entry) { return !wanted.contains(entry.first); };
+  std::erase_if(surfaces_, is_unwanted);
+  std::erase_if(placed_, is_unwanted);
   bool is_at_work = surfaces_[kSum].Advance(view.tiles, utime_ms, kTilesAtOnce);
   sum_levels_.Set(surfaces_[kSum], view.options);
   for (const LayerSnapshot& layer : set.layers) {
     const std::string key = KeyOf(layer.id);
     if (!wanted.contains(key)) continue;
-    SurfaceLevels& surface = surfaces_[key];
-    surface.set_shift(set.settings.Of(layer.id).shift);
-    is_at_work |= surface.Advance(layer.tiles, utime_ms, kTilesAtOnce);
+    LayerSettings settings;
+    settings.placement = set.settings.Of(layer.id).placement;
+    LayerSet alone{.options = set.options, .layers = {layer}};
+    alone.settings.Merge(layer.id, settings);
+    const TileTree placed = placed_[key].Update(alone)->tiles;
+    is_at_work |= surfaces_[key].Advance(placed, utime_ms, kTilesAtOnce);
   }
   return is_at_work;
 }

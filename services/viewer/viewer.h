@@ -11,6 +11,7 @@
 #include <string>
 
 #include "absl/status/statusor.h"
+#include "lib/map/summed_layers.h"
 #include "services/viewer/browser_view.h"
 #include "services/viewer/bus_watch.h"
 #include "services/viewer/http_api.h"
@@ -85,6 +86,7 @@ class Viewer {
   std::unique_ptr<HttpApi> api_;
   Metrics metrics_;
   std::map<std::string, SurfaceLevels> surfaces_;  // that somebody looks at, and "sum"
+  std::map<std::string, SummedLayers> placed_;     // each of these layers alone, in its place
   TileBodies bodies_;
   Sections sections_;
   double knot_interval_m_ = MapOptions().knot_interval_m;

@@ -13,13 +13,14 @@ ln -s "$2" drive.lcmlog
 
 # A map of 10^5 tiles: that of the drive beside itself, again and again.
 splinemap build drive.lcmlog one.splinemap --scan LASER --pose POSE --name one 2> /dev/null
-knots=1024
+metres=51.2  # 1,024 knots
 for n in {1..9}; do
-  splinemap layer shift one.splinemap one $((n % 2 ? knots : 0)) $((n % 2 ? 0 : knots)) \
-    --out other.splinemap --force 2> /dev/null
+  place=("$metres" 0)
+  ((n % 2)) || place=(0 "$metres")
+  splinemap layer place one.splinemap one "${place[@]}" 0 --out other.splinemap --force 2> /dev/null
   splinemap flatten other.splinemap flat.splinemap --name other --force > /dev/null 2>&1
   splinemap merge one.splinemap flat.splinemap --out both.splinemap --force > /dev/null 2>&1
   splinemap flatten both.splinemap one.splinemap --name one --force > /dev/null 2>&1
-  ((n % 2)) || knots=$((2 * knots))
+  ((n % 2)) || metres=$(jq -n "2 * $metres")
 done
 node "$1/tests/browser/figures.mjs"

@@ -125,11 +125,22 @@ expect_text "saved by the daemon of robot" err
 expect 0 splinemap query --live -1.0 -1.5 --json
 [[ $(jq .known out) == 0 ]] || fail "muted, and yet: $(cat out)"
 expect 0 splinemap layer unmute --live robot
-expect 0 splinemap layer shift --live robot 0.1m -0.05m
-[[ $(splinemap layers --live --json | jq -c '.[0].layers[0].shift_knots') == '[2,-1]' ]] || fail "not shifted"
-expect 2 splinemap layer shift --live robot 0.12m 0
-expect_text "0.12m is no whole number of knot intervals of 0.05 m; 0.1m and 0.15m are" err
-expect 0 splinemap layer shift --live robot 0 0
+expect 0 splinemap layer place --live robot 0.12 -0.05 30.5
+[[ $(splinemap layers --live --json | jq -c '.[0].layers[0] | [.placement, .is_approximate]') == \
+  '[{"x_m":0.12,"y_m":-0.05,"yaw_deg":30.5},true]' ]] || fail "not placed: $(splinemap layers --live)"
+expect_text "placed at 0.12, -0.05 m, 30.5 deg, approximate" <(splinemap layers --live)
+# In a file it is the same map.
+expect 0 splinemap layer place saved.splinemap robot 0.12 -0.05 30.5 --out placed.splinemap
+for point in "-1.0 -1.5" "0.5 0.5" "1.3 -0.2"; do
+  read -ra words <<< "$point"
+  [[ $(splinemap query --live "${words[@]}" --json) == "$(splinemap query placed.splinemap "${words[@]}" --json)" ]] ||
+    fail "placed live, and in a file: another value at $point"
+done
+expect 0 splinemap layer place --live robot 0.1 -0.05 0
+[[ $(splinemap layers --live --json | jq -c '.[0].layers[0].is_approximate') == false ]] || fail "a shift is exact"
+expect 2 splinemap layer place --live robot 4e7 0 0
+expect_text "a layer can be placed within 33554 km at most" err
+expect 0 splinemap layer place --live robot 0 0 0
 same 0 query -1.0 -1.5
 
 # Rasters

@@ -239,19 +239,20 @@ TEST_F(MapClientTest, SettingsOfALayerAreForEverybodyAndOnDisk) {
   EXPECT_EQ(ReadMapFile(config_.map())->set.layers[0].revision, 20u) << "and saved with it";
   ASSERT_TRUE(client_->Set({LayerCommand::kUnmute, id}).ok());
   EXPECT_EQ(LogOdds(), log_odds);
-  ASSERT_TRUE(client_->Set({LayerCommand::kShift, id, 0, {20, 0}}).ok());  // by 1 m
+  ASSERT_TRUE(client_->Set({LayerCommand::kPlace, id, 0, {{1, 0}, 0}}).ok());
   EXPECT_EQ(client_->Ask(PointsQuery{{{4.03, 0}}, false})->samples[0].log_odds, log_odds);
   Await([&] { return follower->View()->Evaluate(4.03, 0).log_odds == log_odds; });
 
-  EXPECT_TRUE(absl::IsInvalidArgument(
-      client_->Set({LayerCommand::kShift, id, 0, {KnotShift::kMax + 1, 0}})));
+  for (const Pose2& nowhere : {Pose2{{4e7, 0}, 0}, Pose2{{0, NAN}, 0}, Pose2{{0, 0}, INFINITY}}) {
+    EXPECT_TRUE(absl::IsInvalidArgument(client_->Set({LayerCommand::kPlace, id, 0, nowhere})));
+  }
   EXPECT_TRUE(absl::IsNotFound(client_->Set({LayerCommand::kMute, {id.name, id.origin + 1}})));
   EXPECT_TRUE(absl::IsFailedPrecondition(client_->Set({LayerCommand::kRemove, id, 7})));
   ASSERT_TRUE(client_->Set({LayerCommand::kRemove, id, 1}).ok());
   EXPECT_EQ(ViewOf(ReadMapFile(config_.map())->set)->tiles.size(), 0u);
   Await([&] { return follower->View()->tiles.size() == 0; });
   Drive(10);
-  // What begins anew is not shifted.
+  // What begins anew is where it was mapped.
   Await([&] { return follower->View()->Evaluate(3.03, 0).log_odds > 0; });
   EXPECT_EQ(follower->FollowedLayers()[0].session.number, LayerSettings::kSessionsPerGeneration);
 }

@@ -72,7 +72,7 @@ without_one() {
 flatten() {
   expect 0 splinemap flatten "$1" flat.splinemap --name lab --force
   cp err said
-  [[ $(splinemap layers flat.splinemap --json | jq -c 'map([.name, .muted, .shift_knots])') == '[["lab",false,[0,0]]]' ]] ||
+  [[ $(splinemap layers flat.splinemap --json | jq -c 'map([.name, .muted, .placement.x_m])') == '[["lab",false,0]]' ]] ||
     fail "flat: $(hashes flat.splinemap)"
   local map
   for map in "$1" flat.splinemap; do
@@ -109,7 +109,7 @@ expect 0 splinemap merge maps/*.splinemap -o same_frame.splinemap
 if grep -q "saw free space" err; then fail "one frame: $(cat err)"; fi
 [[ $(splinemap layers same_frame.splinemap --json | jq '[.[].contradicted] | max < 0.1') == true ]] ||
   fail "one frame: $(splinemap layers same_frame.splinemap)"
-expect 0 splinemap layer shift maps/map_2.splinemap robot-2 20 10 -o moved.splinemap
+expect 0 splinemap layer place maps/map_2.splinemap robot-2 1 0.5 0 -o moved.splinemap
 expect 0 splinemap merge moved.splinemap maps/map_[1345].splinemap -o frames.splinemap
 expect_text "obstacles of robot-2@" err
 expect_text "are where the others saw free space; its frame may be another" err
@@ -146,7 +146,7 @@ expect 0 splinemap diff x.splinemap fleet.splinemap
 rm x.splinemap
 
 # --- settings, in a copy of the map
-# change COMMAND LAYER [I J] -- FROM TO
+# change COMMAND LAYER [X_M Y_M YAW_DEG] -- FROM TO
 change() {
   local command=$1 words=()
   shift
@@ -154,7 +154,7 @@ change() {
   expect 0 splinemap layer "$command" "$2" "${words[@]}" --out "$3" --force
 }
 cp fleet.splinemap before.splinemap
-for setting in "mute robot-2" "shift robot-2 7 -40" "low-weight robot-2"; do
+for setting in "mute robot-2" "place robot-2 0.35 -2 0" "place robot-2 1.01 0 -30.25" "low-weight robot-2"; do
   read -ra words <<< "$setting"
   change "${words[@]}" -- fleet.splinemap changed.splinemap
   expect_text "${words[0]} robot-2@" err
@@ -163,8 +163,8 @@ for setting in "mute robot-2" "shift robot-2 7 -40" "low-weight robot-2"; do
   expect_text "layer robot-2: " out
   expect_text "in changed.splinemap, no settings in fleet.splinemap" out
   expect 0 splinemap layers changed.splinemap
-  [[ $(grep -cE "robot-2.* (muted|shifted by 7, -40 knots|low weight)$" out) == 1 ]] || fail "layers: $(cat out)"
-  [[ $setting != shift* || $(box changed.splinemap) == "$(box fleet.splinemap |
+  [[ $(grep -cE "robot-2.* (muted|placed at 0.35, -2 m, 0 deg|placed at 1.01, 0 m, -30.25 deg, approximate|low weight)$" out) == 1 ]] || fail "layers: $(cat out)"
+  [[ $setting != *" 0" || $(box changed.splinemap) == "$(box fleet.splinemap |
     jq -c '[.[0] + 350, .[1] - 2000, .[2] + 350, .[3] - 2000]')" ]] || fail "box: $(cat out)"
   if [[ $setting != low-weight* ]]; then
     expect 1 splinemap diff changed.splinemap fleet.splinemap
@@ -177,27 +177,36 @@ for setting in "mute robot-2" "shift robot-2 7 -40" "low-weight robot-2"; do
   [[ $setting != mute* ]] || expect_text "is left out: muted" err
   case ${words[0]} in
     mute) change unmute robot-2 -- changed.splinemap back.splinemap ;;
-    shift) change shift robot-2 0 0 -- changed.splinemap back.splinemap ;;
+    place) change place robot-2 0 0 0 -- changed.splinemap back.splinemap ;;
     low-weight) change normal-weight robot-2 -- changed.splinemap back.splinemap ;;
   esac
   expect 0 splinemap diff back.splinemap fleet.splinemap
 done
-for bad in "mute" "mute robot" "shift robot-2" "shift robot-2 7" "shift robot-2 7 0.5" \
-  "shift robot-2 7 99999999"; do
+for bad in "mute" "mute robot" "place robot-2" "place robot-2 7" "place robot-2 7 0.5" \
+  "place 7 0.5 0" "place robot-2 1e300 0 0" "place robot-2 0 nan 0" "place robot-2 0 0 inf" \
+  "place robot-2 0 -33554433 0"; do
   read -ra words <<< "$bad"
   expect 2 splinemap layer "${words[0]}" fleet.splinemap "${words[@]:1}" --out x.splinemap
 done
-expect_text "a layer can be shifted by 67108864 knots at most" err
-expect 0 splinemap layer shift fleet.splinemap robot-2 7 -40 --out knots.splinemap
-expect 0 splinemap layer shift fleet.splinemap robot-2 0.35m -2m --out metres.splinemap
-expect 0 splinemap diff knots.splinemap metres.splinemap
-expect 2 splinemap layer shift fleet.splinemap robot-2 0.5 0 --out x.splinemap
-expect_text "0.5 is no whole number of knot intervals; 0 and 1 are" err
-expect 2 splinemap layer shift fleet.splinemap robot-2 0 -.12m --out x.splinemap
-expect_text "-0.12m is no whole number of knot intervals of 0.05 m; -0.15m and -0.1m are" err
-expect 2 splinemap layer shift fleet.splinemap robot-2 left 0 --out x.splinemap
-expect_text "left is no shift; give X and Y in knot intervals, 40 -2, or in metres, 2m -0.1m" err
-expect 2 splinemap layer shift fleet.splinemap robot-2 1 1e300m --out x.splinemap
+expect_text "a layer can be placed within 33554 km at most" err
+expect 2 splinemap layer place fleet.splinemap robot-2 0 0 left --out x.splinemap
+expect_text "left is no number; give the layer, then where its frame lies in the map's: X_M Y_M YAW_DEG" err
+# A quarter of a turn is exact, and four of them are none.
+expect 0 splinemap layer place fleet.splinemap robot-2 0 0 90 --out turned.splinemap
+[[ $(splinemap info turned.splinemap --json | jq -c '[.layers[].is_approximate]') == '[false,false,false,false,false]' ]] ||
+  fail "a quarter of a turn: $(splinemap info turned.splinemap)"
+expect 0 splinemap layer place turned.splinemap robot-2 0 0 360 --out back.splinemap --force
+expect 0 splinemap diff back.splinemap fleet.splinemap
+expect 0 splinemap layer place fleet.splinemap robot-2 0 0 1 --out turned.splinemap --force
+expect_text "m2 seen, approximate" <(splinemap info turned.splinemap)
+# What is cropped is the map that it was within the region, in its place.
+expect 0 splinemap layer place fleet.splinemap robot-2 1.01 2 130 --out turned.splinemap --force
+expect 0 splinemap crop turned.splinemap cropped.splinemap --region 0,0,3,2
+for map in turned cropped; do
+  expect 0 splinemap raster $map.splinemap $map.csv --region 0,0,3,2 --resolution 0.1
+done
+cmp turned.csv cropped.csv || fail "crop leaves out some of a layer that is placed"
+rm turned.* cropped.*
 expect 2 splinemap layer mute fleet.splinemap robot-2
 expect_text "give the map file to write with --out" err
 expect 2 splinemap layer mute fleet.splinemap robot-2 --out changed.splinemap

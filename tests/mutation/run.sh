@@ -52,6 +52,7 @@ gossip=lib/replication/settings_gossip.cc
 following=lib/replication/map_follower.cc
 settings=lib/layers/layer_settings.cc
 sum=lib/map/summed_layers.cc
+placed=lib/map/placed_tile.cc
 
 mutate own_messages_are_ignored "$following" 'if \(SpeakerOf\(message\) == speaker_\) return false;' ''
 mutate owner_is_told_by_its_speaker lib/replication/protocol.h 'digest\.speaker == digest\.layer\.session_nonce' 'true'
@@ -130,10 +131,13 @@ mutate removal_takes_later_starts "$settings" 'session\.number \| \(kSessionsPer
 mutate last_writer_wins "$settings" 'rank\(a\) < rank\(b\) \? b : a' 'a'
 mutate other_settings_are_answered "$gossip" 'else if \(!records_due_\)' 'else if (false)'
 mutate hash_of_settings_is_told "$gossip" '!heard_same_ && !told_ && now >= hash_due_' 'false'
-mutate muted_layers_are_left_out "$sum" 'if \(setting\.IsSummed\(\)\)' 'if (true)'
-mutate layers_of_low_weight_weigh_less "$sum" '\(low_weight \? low : tiles\)' '(tiles)'
-mutate another_shift_sums_anew "$sum" 'before\.shift != shift' 'false'
-mutate shifted_tiles_are_of_all_that_they_cover lib/map/shifted_tile.cc 'return \{first >> 5, \(first \+ kSide - 1\) >> 5\}' 'return {first >> 5, first >> 5}'
+mutate muted_layers_are_left_out "$sum" 'if \(!setting\.IsSummed\(\)\)' 'if (false)'
+mutate layers_of_low_weight_weigh_less "$sum" '\(summand\.low_weight \? low : tiles\)' '(tiles)'
+mutate another_placement_sums_anew "$sum" 'before\.placement != summand\.placement' 'false'
+mutate placed_tiles_are_of_all_that_they_cover "$placed" 'box\.i1 >> 5; \+\+tx\) \{' 'box.i0 >> 5; ++tx) {'
+mutate places_beside_need_neighbours "$placed" 'is_exact_ \? 0 : 2' '0'
+mutate placed_minima_are_of_all_squares "$placed" '\+ finer_;' ';'
+mutate nothing_swings_over "$placed" 'std::clamp<int64_t>\(value, least, greatest\)' '(value)'
 mutate part_is_compared "$follower" 'checked->second == hash' 'true'
 mutate part_ends_where_it_ends "$follower" 'if \(IsOutside\(child\)\) return true;' ''
 mutate levels_are_kept_while_asked_for "$follower" '\*next_renewal_ <= now \|\|' ''

@@ -5,7 +5,7 @@
 # their computer (ttl 0), so that all have the same channels and only daemons talk on the bridge (ttl 1).
 # One robot comes late, one leaves for good, one is killed and comes back, one comes back with an older
 # copy of its file, the base station is away for a while; a client comes last. Then one robot's layer is
-# removed, one muted, one shifted, while robots are away that come back with their old files. Prints a
+# removed, one muted, one placed, while robots are away that come back with their old files. Prints a
 # table: s until all daemons have the same layers, and kB on the bridge. Without LOG, a bot_core log, it
 # takes the recorded Intel drive or, if that is not there or with --quick, simulates one.
 if [[ -z ${LCM_DEFAULT_URL:-} || ${1:-} != inside ]]; then
@@ -117,7 +117,7 @@ row() {
 # hashes MAP: what has to be the same in all copies.
 hashes() {
   splinemap layers "$1" --json | jq -c 'sort_by(.name, .origin) | .[] | select(.tiles != 0) | [.name, .origin,
-    .session_number, .session_nonce, .commits, .hash, .muted, .low_weight, .shift_knots, .removed_up_to]'
+    .session_number, .session_nonce, .commits, .hash, .muted, .low_weight, .placement, .removed_up_to]'
 }
 same() {  # A B
   expect 0 splinemap diff "$1" "$2"
@@ -125,7 +125,7 @@ same() {  # A B
 }
 layer_hash() { splinemap layers "$1" --json | jq -r ".[] | select(.name == \"$2\") | .hash"; }
 snapshot() { expect 0 on client splinemap snapshot "$@" --timeout 40; }
-change_layer() { expect 0 on client splinemap layer "$1" --live "${@:2}"; }  # COMMAND LAYER [I J]
+change_layer() { expect 0 on client splinemap layer "$1" --live "${@:2}"; }  # COMMAND LAYER [X_M Y_M YAW_DEG]
 
 robots=(robot-{1..5})
 for name in "${robots[@]}" base client; do make_computer "$name" $loss_percent; done
@@ -207,17 +207,17 @@ row "robot-5 is removed, away"
 snapshot without.splinemap
 expect 0 splinemap diff four.splinemap without.splinemap
 
-# --- one is muted, one that left is shifted; the removed one and one that missed it come back
+# --- one is muted, one that left is placed; the removed one and one that missed it come back
 stop robot-4
 change_layer mute robot-1
-change_layer shift robot-2 7 -40
+change_layer place robot-2 0.35 -2 12.5
 start robot-{2,4,5}
-row "muted, shifted; robots 2, 4, 5 come back"
+row "muted, placed; robots 2, 4, 5 come back"
 grep -q "removed the layer robot-5; it goes on empty" robot-5.log ||
   [[ $(splinemap layers robot-5.splinemap --json | jq '[.[] | select(.name == "robot-5") | .tiles] | add') == 0 ]] ||
   fail "robot-5 is not empty"
 expect 0 splinemap layer mute four.splinemap robot-1 --out muted.splinemap
-expect 0 splinemap layer shift muted.splinemap robot-2 7 -40 --out changed.splinemap
+expect 0 splinemap layer place muted.splinemap robot-2 0.35 -2 12.5 --out changed.splinemap
 snapshot live.splinemap
 expect 0 splinemap diff changed.splinemap live.splinemap
 for map in changed live; do splinemap export $map.splinemap $map --format csv 2> /dev/null; done

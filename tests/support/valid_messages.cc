@@ -138,7 +138,7 @@ std::vector<ValidMessage> Queries(int64_t daemon_nonce) {
 
 std::vector<ValidMessage> LayerCommands(const LayerSnapshot& layer, int64_t daemon_nonce) {
   std::vector<ValidMessage> commands;
-  for (const char* command : {"mute", "unmute", "low-weight", "normal-weight", "shift", "remove"}) {
+  for (const char* command : {"mute", "unmute", "low-weight", "normal-weight", "place", "remove"}) {
     layer_command_request_t request{};
     request.header = Header(daemon_nonce);
     request.command = command;

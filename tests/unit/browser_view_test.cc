@@ -215,19 +215,6 @@ TEST_F(BrowserViewTest, AViewThatNobodySawWasOneForThePage) {
   EXPECT_EQ(page_.size(), 10);
 }
 
-TEST_F(BrowserViewTest, AShiftBringsWhatItMovesIntoView) {
-  for (int32_t n = 0; n < 10; ++n) Edit({n, 0}).control_points[0] = 1;
-  Commit();
-  const double side_m = 32 * kKnot_m;
-  Look(fmt::format(R"("x0_m":{},"y0_m":0.2,"x1_m":{},"y1_m":0.3)", 0.5 * side_m, 1.5 * side_m));
-  Receive();
-  ASSERT_EQ(page_.size(), 2);
-  levels_.set_shift({-32 * 5, 0});
-  Receive();
-  EXPECT_TRUE(page_.contains({5, 0}));
-  EXPECT_TRUE(page_.contains({6, 0}));
-}
-
 TEST_F(BrowserViewTest, TilesOfALayerThatIsGoneGo) {
   Edit({0, 0}).control_points[0] = 1;
   Edit({1, 0}).control_points[0] = 2;
@@ -240,18 +227,6 @@ TEST_F(BrowserViewTest, TilesOfALayerThatIsGoneGo) {
   Commit();
   Receive();
   EXPECT_EQ(page_, InTree());
-}
-
-TEST_F(BrowserViewTest, AViewOfAShiftedLayerIsInTheFrameOfTheMap) {
-  for (int32_t n = 0; n < 10; ++n) Edit({n, 0}).control_points[0] = 1;
-  Commit();
-  levels_.set_shift({-32 * 100, 0});
-  const double side_m = 32 * kKnot_m;
-  Look(fmt::format(R"("x0_m":{},"y0_m":0.2,"x1_m":{},"y1_m":0.3)", -97.5 * side_m, -96.5 * side_m));
-  Receive();
-  ASSERT_EQ(page_.size(), 2);
-  EXPECT_TRUE(page_.contains({2, 0}));
-  EXPECT_TRUE(page_.contains({3, 0}));
 }
 
 TEST_F(BrowserViewTest, WallsDoNotVanishFromFar) {

@@ -9,6 +9,7 @@
 #include "services/splinemapd/contradiction_watch.h"
 #include "services/splinemapd/newest_map.h"
 #include "tests/support/map_writer.h"
+#include "tests/support/placement.h"
 
 namespace splinemap::contradictions_test {
 
@@ -58,10 +59,13 @@ TEST(ContradictionsTest, WallsOfTwoKnotsBesideAreTheSameWall) {
 }
 
 TEST(ContradictionsTest, LayersAreComparedWhereSettingsPutThem) {
-  const LayerSettings shifted{.shift = {0, 10}, .counter = 1};
-  EXPECT_EQ(Compare(50, 60, shifted).contradicted, 0);
-  EXPECT_GT(Compare(50, 50, shifted).contradicted, 100);
-  const LayerSettings muted{.muted = true, .shift = {}, .counter = 1};
+  const LayerSettings moved{.placement = ShiftBy(0, 10), .counter = 1};
+  EXPECT_EQ(Compare(50, 60, moved).contradicted, 0);
+  EXPECT_GT(Compare(50, 50, moved).contradicted, 100);
+  // A wall that is turned has a part in the free space of the others.
+  const LayerSettings turned{.placement = PlacedAt(0, 0, 20), .counter = 1};
+  EXPECT_GT(Compare(50, 50, turned).contradicted, 50);
+  const LayerSettings muted{.muted = true, .placement = {}, .counter = 1};
   EXPECT_EQ(Compare(50, 60, muted).compared, 0);
 }
 
@@ -108,7 +112,7 @@ TEST(ContradictionWatchTest, ComparesWhatChangedAfterAWhile) {
   newest.SetFollowed({two.Snapshot()}, {});
   EXPECT_FALSE(watch.Check(newest));
   SettingsTable settings;
-  settings.Merge(kTwo, {.shift = {0, -11}, .counter = 1});
+  settings.Merge(kTwo, {.placement = ShiftBy(0, -11), .counter = 1});
   newest.SetFollowed({two.Snapshot()}, settings);
   bool is_checked = false;
   for (int k = 0; k < 1000 && !is_checked; ++k) {

@@ -1,5 +1,5 @@
 // Several daemons and clients on one lossy network: whatever was lost, whoever was away, began from
-// older files or was muted, shifted or removed meanwhile, all end with the same bytes. Daemons are
+// older files or was muted, placed or removed meanwhile, all end with the same bytes. Daemons are
 // their parts without threads, sockets and disks. Time is virtual.
 #include <gtest/gtest.h>
 
@@ -22,6 +22,7 @@
 #include "tests/support/lossy_network.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/num_schedules.h"
+#include "tests/support/placement.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap::fleet_test {
@@ -139,7 +140,8 @@ class Robot {
           settings.low_weight = !settings.low_weight;
           break;
         case 2:
-          settings.shift = {int32_t(random_() % 100) - 50, int32_t(random_() % 64)};
+          settings.placement = ShiftBy(int32_t(random_() % 100) - 50, int32_t(random_() % 64));
+          if (random_() % 2 == 0) settings.placement.yaw = static_cast<int32_t>(random_());
           break;
         default:
           settings.muted = !settings.muted;

@@ -10,6 +10,7 @@
 #include "splinemap/file.h"
 #include "splinemap/local_map.h"
 #include "tests/support/map_writer.h"
+#include "tests/support/placement.h"
 #include "tests/support/random_map.h"
 #include "tests/support/temporary_directory.h"
 
@@ -17,23 +18,23 @@ namespace splinemap::http_api_test {
 
 using nlohmann::json;
 
-// A map file of two layers, the second shifted, as the viewer shows it.
+// A map file of four layers, as the viewer shows it.
 class HttpApiTest : public testing::Test {
  protected:
   void SetUp() override {
     std::mt19937_64 random(1);
     MapWriter writer({0.05, {-2560, 2560}});
-    for (const char* name : {"one", "two"}) {
+    for (const char* name : {"one", "two", "three", "four"}) {
       Layer& layer = writer.AddLayer({name, 7}, {1, 1});
       layer.BeginCommit();
       for (const TileKey key : {TileKey{0, 0}, {-1, 0}, {5, 2}})
         layer.EditTile(key) = RandomTile(random, {-2560, 2560});
     }
     SettingsTable settings;
-    LayerSettings shifted;
-    shifted.shift = {3, -2};
-    shifted.counter = 1;
-    settings.Merge({"two", 7}, shifted);
+    settings.Merge({"two", 7}, {.placement = ShiftBy(3, -2), .counter = 1});
+    settings.Merge({"three", 7}, {.placement = PlacedAt(1.5, -0.4, 90), .counter = 1});
+    settings.Merge({"four", 7},
+                   {.muted = true, .placement = PlacedAt(0.15, -0.1, 30), .counter = 1});
     writer.SetSettings(settings);
     auto file = MapFile::Open(directory_.File("map"));
     ASSERT_TRUE(file.ok());
@@ -80,11 +81,13 @@ TEST_F(HttpApiTest, APointIsTheSurfaceAndItsLayers) {
   EXPECT_EQ(answer["probability"], Probability(sample.log_odds));
   EXPECT_EQ(answer["gradient_per_m"][0], sample.gradient_per_m.x());
   EXPECT_EQ(answer["known"], true);
-  ASSERT_EQ(answer["layers"].size(), 2);
+  ASSERT_EQ(answer["layers"].size(), 4);
   EXPECT_EQ(answer["layers"][0]["key"], "one@0000000000000007");
   // Nothing is clamped here, so the layers are what the sum is made of.
-  const double sum =
-      answer["layers"][0]["log_odds"].get<double>() + answer["layers"][1]["log_odds"].get<double>();
+  double sum = 0;
+  for (const json& layer : answer["layers"]) {
+    if (layer["is_summed"].get<bool>()) sum += layer["log_odds"].get<double>();
+  }
   EXPECT_NEAR(sum, sample.log_odds, 1.5);
 }
 
@@ -183,8 +186,11 @@ TEST_F(HttpApiTest, SectionsOfAFileAreJson) {
   EXPECT_EQ(map["knot_interval_m"], 0.05);
   EXPECT_LT(map["bounds"]["x0_m"].get<double>(), -1.5);
   const json layers = json::parse(LayersJson(*map_, nullptr));
-  ASSERT_EQ(layers.size(), 2);
-  EXPECT_EQ(layers[1]["shift_x_m"], 3 * 0.05);
+  ASSERT_EQ(layers.size(), 4);
+  EXPECT_NEAR(layers[3]["placement"]["x_m"].get<double>(), 0.15, 1e-6);
+  EXPECT_NEAR(layers[3]["placement"]["yaw_rad"].get<double>(), M_PI / 6, 1e-8);
+  EXPECT_TRUE(layers[3]["is_approximate"].get<bool>());
+  EXPECT_FALSE(layers[2]["is_approximate"].get<bool>());
 }
 
 }  // namespace splinemap::http_api_test

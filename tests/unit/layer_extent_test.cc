@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/support/placement.h"
+
 namespace splinemap::layer_extent_test {
 
 Tile TileWith(std::initializer_list<std::pair<int, int>> points) {
@@ -22,8 +24,13 @@ TEST(LayerExtentTest, IsOfTheSquaresAboutKnownControlPoints) {
   EXPECT_NEAR(box->y0_m, 0.35, 1e-12);
   EXPECT_NEAR(box->x1_m, 1.05, 1e-12);
   EXPECT_NEAR(box->y1_m, 6.45, 1e-12);
-  EXPECT_NEAR(extent.Box({100, -20}, 0.1)->x0_m, 9.85, 1e-12);
-  EXPECT_NEAR(extent.Box({100, -20}, 0.1)->y1_m, 4.45, 1e-12);
+  EXPECT_NEAR(extent.Box(PlacedAt(10, -2, 0), 0.1)->x0_m, 9.85, 1e-12);
+  EXPECT_NEAR(extent.Box(PlacedAt(10, -2, 0), 0.1)->y1_m, 4.45, 1e-12);
+  const auto turned = extent.Box(PlacedAt(10, -2, 90), 0.1);
+  EXPECT_NEAR(turned->x0_m, 10 - 6.45, 1e-12);
+  EXPECT_NEAR(turned->y0_m, -2 - 0.15, 1e-12);
+  EXPECT_NEAR(turned->x1_m, 10 - 0.35, 1e-12);
+  EXPECT_NEAR(turned->y1_m, -2 + 1.05, 1e-12);
 }
 
 TEST(LayerExtentTest, ATileThatChangesCountsOnce) {

@@ -8,11 +8,13 @@
 #include <vector>
 
 #include "lib/map/map_changes.h"
+#include "lib/map/placed_tile.h"
 #include "lib/map/summed_layers.h"
 #include "lib/tiles/coarser_tile.h"
 #include "splinemap/map_view.h"
 #include "splinemap/region.h"
 #include "tests/support/map_writer.h"
+#include "tests/support/placement.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap::layer_pyramid_test {
@@ -173,6 +175,43 @@ TEST(LayerPyramidTest, BoundsHoldForTheSumOfLayers) {
     }
   }
   EXPECT_GT(touched, 10'000);
+}
+
+// A layer at a coarser level, placed there = placed, and then the level is made of it, or wider.
+TEST(LayerPyramidTest, BoundsHoldForLayersThatArePlaced) {
+  Random random(5);
+  for (const FixedPose2& placement :
+       {ShiftBy(8, -16), ShiftBy(3, 1), PlacedAt(0.02, 0.01, 0), PlacedAt(0, 0, 90),
+        PlacedAt(0.13, -1, 180), PlacedAt(1, 2, 33), PlacedAt(-0.7, 0.1, -140)}) {
+    MapWriter map({0.05, {}});
+    Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+    for (int n = 0; n < 20; ++n) Commit(layer, random, 3);
+    const TileTree placed = Placed(layer.Snapshot().tiles, KnotPlacement(placement, 0.05));
+    LayerPyramid levels(3);
+    ASSERT_TRUE(levels.Advance(layer.Snapshot(), 1'000'000));
+    for (int level = 1; level <= 3; ++level) {
+      const auto at_level = [&](Statistic statistic) {
+        const LevelOfDetail level_of_detail{level, statistic};
+        return Placed(levels.Layer(level_of_detail).tiles,
+                      KnotPlacement(placement, std::ldexp(0.05, level), level_of_detail));
+      };
+      const TileTree min = at_level(Statistic::kMin);
+      const TileTree max = at_level(Statistic::kMax);
+      int touched = 0;
+      placed.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+        for (int k = 0; k < Tile::kSize; ++k) {
+          const int value = entry.tile->control_points[k];
+          if (value == 0) continue;
+          ++touched;
+          const int32_t i = (32 * key.tx + k % 32) >> level;
+          const int32_t j = (32 * key.ty + k / 32) >> level;
+          ASSERT_LE(At(min, i, j), value);
+          ASSERT_GE(At(max, i, j), value);
+        }
+      });
+      EXPECT_GT(touched, 5'000);
+    }
+  }
 }
 
 TEST(RegionTest, TilesOfARegionDecideAllOfIt) {

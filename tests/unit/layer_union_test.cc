@@ -13,6 +13,7 @@
 #include "lib/map/flattened.h"
 #include "lib/map/summed_layers.h"
 #include "tests/support/map_writer.h"
+#include "tests/support/placement.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap::layer_union_test {
@@ -97,7 +98,7 @@ class LayerUnionTest : public testing::Test {
         const uint64_t writer = random_();
         LayerSettings setting = settings_.Next(layer.id(), writer);
         setting.muted = random_() % 2 == 0;
-        setting.shift = {int32_t(random_() % 3) * 20, 0};
+        setting.placement = PlacedAt(int32_t(random_() % 3), 0, int32_t(random_() % 3) * 20);
         settings_.Merge(layer.id(), setting);
         break;
       }
@@ -363,9 +364,9 @@ TEST_F(LayerUnionTest, AFlatMapIsTheSumInOneLayer) {
   LayerSettings muted = settings_.Next(LayerOf(0).id(), 1);
   muted.muted = true;
   settings_.Merge(LayerOf(0).id(), muted);
-  LayerSettings shifted = settings_.Next(LayerOf(1).id(), 1);
-  shifted.shift = {7, -40};
-  settings_.Merge(LayerOf(1).id(), shifted);
+  LayerSettings placed = settings_.Next(LayerOf(1).id(), 1);
+  placed.placement = PlacedAt(0.35, -2, 100);
+  settings_.Merge(LayerOf(1).id(), placed);
   MapWriter map(kOptions);
   for (auto& [robot, layer] : layers_) map.ContinueLayer(layer->Snapshot(), layer->session());
   map.SetSettings(settings_);

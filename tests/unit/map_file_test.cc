@@ -12,12 +12,14 @@
 #include <random>
 
 #include "lib/base/status.h"
+#include "lib/map/placed_tile.h"
 #include "lib/store/records.pb.h"
 #include "lib/tiles/tile_codec.h"
 #include "splinemap/file.h"
 #include "splinemap/scan_archive.h"
 #include "tests/support/map_file_fixture.h"
 #include "tests/support/map_writer.h"
+#include "tests/support/placement.h"
 #include "tests/support/random_map.h"
 #include "tests/support/shared_data.h"
 
@@ -132,10 +134,11 @@ TEST_F(MapFileTest, SettingsOfLayersAndWhoseFileItIsAreKept) {
   map_.SetOwnLayer(id);
   SettingsTable settings;
   LayerSettings setting = settings.Next(id, 77);
-  setting.shift = {-40, 33};
+  setting.placement = ShiftBy(-40, 33, 0.1);
   settings.Merge(id, setting);
   setting = settings.Next({"other", 2}, 78);
   setting.low_weight = true;
+  setting.placement = PlacedAt(-1000.123, 7, -123.4);
   settings.Merge({"other", 2}, setting);
   settings.Merge({"gone", 3}, settings.Removal({"gone", 3}, {12, 1}, 79));
   map_.SetSettings(settings);
@@ -143,10 +146,10 @@ TEST_F(MapFileTest, SettingsOfLayersAndWhoseFileItIsAreKept) {
   const auto loaded = ReadMapFile(path_);
   ExpectEqual(loaded->set, map_.Layers());
   const auto view = ViewOf(loaded->set);
-  const Tile* shifted = view->tiles.Find({-4, 2});
-  ASSERT_NE(shifted, nullptr);
-  EXPECT_EQ(shifted->control_points[IndexInTile(0, 0)], 0);
-  EXPECT_EQ(shifted->control_points[IndexInTile(0, 1)], 100);
+  const Tile* placed = view->tiles.Find({-4, 2});
+  ASSERT_NE(placed, nullptr);
+  EXPECT_EQ(placed->control_points[IndexInTile(0, 0)], 0);
+  EXPECT_EQ(placed->control_points[IndexInTile(0, 1)], 100);
   EXPECT_EQ(loaded->set.settings.Of({"gone", 3}).removed_up_to, (uint64_t{1} << 20) - 1);
 }
 
@@ -412,11 +415,12 @@ TEST_F(MapFileTest, WhatCannotBeIsLeftOutAndSaidAndTheRestIsSaved) {
   add_layer("long name", {std::string(257, 'x'), 9}, {1, 1}, 1);
   add_layer("0 in a name", {std::string("a\0b", 3), 9}, {1, 1}, 1);
   add_layer("twice", {"sane", 1}, {1, 1}, 1);
-  for (const int32_t knots : {KnotShift::kMax + 1, -KnotShift::kMax - 1, INT32_MIN, INT32_MAX}) {
-    for (const KnotShift shift : {KnotShift{knots, 0}, KnotShift{0, knots}}) {
+  constexpr int64_t kMost = FixedPose2::kMaxUnits;
+  for (const int64_t units : {kMost + 1, -kMost - 1, INT64_MIN, INT64_MAX}) {
+    for (const FixedPose2& placement : {FixedPose2{.x = units}, FixedPose2{.y = units}}) {
       LayerSettings setting;
-      setting.shift = shift;
-      add_setting("shift", setting);
+      setting.placement = placement;
+      add_setting("placement", setting);
     }
   }
   add("a setting about nobody", [&](LayerSet& map) { map.settings.Merge({"", 9}, sane_setting); });
@@ -517,6 +521,49 @@ TEST_F(MapFileTest, OfARecordThatCannotBeOnlyThatIsLost) {
   EXPECT_EQ(layer.revision, 1u);
   EXPECT_EQ(ContentOf(layer.tiles), ContentOf(map_.Layers().layers[0].tiles));
   EXPECT_EQ(ContentOf(loaded->set.layers[1].tiles), ContentOf(map_.Layers().layers[1].tiles));
+}
+
+TEST_F(MapFileTest, AShiftOfAnEarlierVersionIsThatPlacement) {
+  const LayerId id{"robot", 1};
+  Commit(map_.AddLayer(id, {1, 7}), 100);
+  ASSERT_TRUE(MapFile::Open(path_)->Save(map_.Layers()).ok());
+  const auto read_with_shift = [&](int32_t i, int32_t j) {
+    {
+      SQLite::Database database(path_, SQLite::OPEN_READWRITE);
+      store::MapRecord record;
+      EXPECT_TRUE(
+          record.ParseFromString(database.execAndGet("SELECT record FROM map").getString()));
+      record.clear_settings();
+      store::SettingsRecord& setting = *record.add_settings();
+      setting.mutable_layer()->set_name(id.name);
+      setting.mutable_layer()->set_origin(id.origin);
+      setting.set_counter(3);
+      setting.set_shift_i(i);
+      setting.set_shift_j(j);
+      record.clear_checksum();
+      std::string bytes = record.SerializeAsString();
+      record.set_checksum(XXH3_64bits(bytes.data(), bytes.size()));
+      bytes = record.SerializeAsString();
+      SQLite::Statement put(database, "UPDATE map SET record = ?");
+      put.bind(1, bytes.data(), static_cast<int>(bytes.size()));
+      put.exec();
+    }
+    return *ReadMapFile(path_);
+  };
+  constexpr int32_t kMost = 1 << 26;  // that could be
+  for (const auto& [i, j] : {std::pair(-40, 33), {0, 1}, {kMost, -kMost}}) {
+    const LoadedMap loaded = read_with_shift(i, j);
+    EXPECT_TRUE(loaded.corruption.empty());
+    const FixedPose2& placement = loaded.set.settings.Of(id).placement;
+    EXPECT_EQ(placement, ShiftBy(i, j, 0.1));
+    EXPECT_FALSE(IsApproximate(placement, loaded.set.options.knot_interval_m));
+    const Tile* placed = ViewOf(loaded.set)->tiles.Find(TileOf(i, j + 32));
+    ASSERT_NE(placed, nullptr);
+    EXPECT_EQ(placed->control_points[IndexInTile(i, j)], 100);
+  }
+  const LoadedMap loaded = read_with_shift(INT32_MAX, 0);
+  EXPECT_EQ(loaded.corruption.size(), 1u);
+  EXPECT_TRUE(loaded.set.settings.records().empty());
 }
 
 TEST_F(MapFileTest, AFileOfTheSchemaBeforeIsReadAndContinued) {

@@ -16,6 +16,7 @@
 #include "lib/wire/encode.h"
 #include "splinemap/map_view.h"
 #include "tests/support/map_writer.h"
+#include "tests/support/placement.h"
 
 namespace splinemap::map_follower_test {
 
@@ -322,6 +323,18 @@ TEST(MapFollowerTest, ARegionIsOfTheMapFrameAtAnyLevel) {
   one.SpeakTo(follower, kBegin);
   EXPECT_EQ(follower.Layers().layers[0].tiles.size(), 1u);
   EXPECT_EQ(follower.View()->options, kOptions);
+
+  // Of a layer that is placed, the tiles that come to the region.
+  LayerSettings placed = follower.settings().Next({"two", 2}, 7);
+  placed.placement = PlacedAt(0.8, 10 * 1.6, -90);
+  follower.Set({"two", 2}, placed);
+  Owner two("two", 2);
+  two.Commit({0, 0}, 100);
+  two.Commit({9, 0}, 100);
+  two.SpeakTo(follower, kBegin);
+  const TileTree tiles = follower.Layers().layers[1].tiles;
+  EXPECT_NE(tiles.Find({9, 0}), nullptr);
+  EXPECT_EQ(tiles.Find({0, 0}), nullptr);
 
   options.level_of_detail = {3, Statistic::kMax};
   MapFollower coarse(options, kSpeaker);

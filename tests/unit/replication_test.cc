@@ -311,7 +311,7 @@ TEST(ReplicationTest, TheDocumentedMessagesAreFollowed) {
       "1122334455667788000000000000000399aabbccddeeff000000";
   LayerFollower follower({"robot", 0x1122334455667788}, 1);
   follower.HandleDigest(FromHex<layer_digest_t>("1f29e6de6fcaabb9" + speaker + layer +
-                                                "0000000200000000000f4240"
+                                                "0000000300000000000f4240"
                                                 "3fa999999999999afffff60000000a00"
                                                 "00000000000000010000000000000001"
                                                 "0000000000000001fa6a73deec14c502"

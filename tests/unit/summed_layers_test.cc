@@ -9,8 +9,10 @@
 #include <vector>
 
 #include "lib/map/map_changes.h"
+#include "lib/map/placed_tile.h"
 #include "splinemap/layer_set.h"
 #include "splinemap/map_view.h"
+#include "tests/support/placement.h"
 #include "tests/support/random_map.h"
 
 namespace splinemap::summed_layers_test {
@@ -38,9 +40,8 @@ Points SimplySummed(const LayerSet& set) {
     const LayerSettings& setting = set.settings.Of(layer.id);
     if (setting.muted) continue;
     auto& summed = setting.low_weight ? low_weight_sums : sums;
-    for (const auto& [at, c] : PointsOf(layer.tiles)) {
-      summed[{at.first + setting.shift.i, at.second + setting.shift.j}] += c;
-    }
+    const KnotPlacement placement(setting.placement, set.options.knot_interval_m);
+    for (const auto& [at, c] : PointsOf(Placed(layer.tiles, placement))) summed[at] += c;
   }
   for (const auto& [at, sum] : low_weight_sums) sums[at] += ClampTouched(sum, {-2048, 2048});
   Points points;
@@ -48,7 +49,7 @@ Points SimplySummed(const LayerSet& set) {
   return points;
 }
 
-// Random commits of robots that come and go, begin anew, are muted and shifted.
+// Random commits of robots that come and go, begin anew, are muted and placed.
 class SummedLayersTest : public testing::Test {
  protected:
   using Random = std::mt19937_64;
@@ -69,9 +70,10 @@ class SummedLayersTest : public testing::Test {
         if (random() % 2 == 0) {
           (random() % 2 == 0 ? setting.muted : setting.low_weight) ^= true;
         } else {
-          setting.shift = {int32_t(random() % 200) - 100, int32_t(random() % 3) * 32};
+          setting.placement = ShiftBy(int32_t(random() % 200) - 100, 32.0 * int32_t(random() % 3));
+          if (random() % 2 == 0) setting.placement.yaw = static_cast<int32_t>(random());
         }
-        if (random() % 5 == 0) setting.shift = {};
+        if (random() % 5 == 0) setting.placement = {};
         EXPECT_TRUE(settings_.Merge(id, setting));
         break;
       }
@@ -125,19 +127,80 @@ TEST_F(SummedLayersTest, IsTheSumOfWhatIsThereWhateverHappenedBefore) {
   EXPECT_GT(changes, 10'000);
 }
 
-TEST_F(SummedLayersTest, AShiftBeyondEveryMapLeavesOutWhatCannotBe) {
+TEST_F(SummedLayersTest, ReadersThatGotTilesInAnotherOrderHaveTheSameBytes) {
+  Random random(9);
+  std::vector<LayerId> ids;
+  for (uint64_t n = 0; n < 3; ++n) {
+    ids.push_back({"robot", n});
+    LayerSettings setting = settings_.Next(ids.back(), 1);
+    setting.placement = PlacedAt(0.1 + static_cast<double>(n), -0.7, 25 + 40.0 * int(n));
+    setting.low_weight = n == 2;
+    EXPECT_TRUE(settings_.Merge(ids.back(), setting));
+  }
+  struct Update {
+    LayerId id;
+    TileKey key;
+    std::shared_ptr<const Tile> tile;
+    uint64_t revision;
+  };
+  std::vector<Update> updates;
+  for (uint64_t n = 1; n <= 60; ++n) {
+    updates.push_back({ids[random() % 3], RandomKey(random, 2),
+                       std::make_shared<const Tile>(RandomTile(random, kLimits)), n});
+  }
+  Points first;
+  for (int reader = 0; reader < 5; ++reader) {
+    SummedLayers sum;
+    std::map<LayerId, Layer> layers;
+    for (const LayerId& id : ids) layers.emplace(id, Layer(id, {1, 1}));
+    std::shared_ptr<const MapView> view;
+    for (size_t n = 0; n < updates.size(); ++n) {
+      const Update& update = updates[n];
+      layers.at(update.id).RestoreTile(update.key, update.tile, update.revision);
+      if (random() % 4 != 0 && n + 1 < updates.size()) continue;
+      LayerSet set{.options = {.limits = kLimits}, .settings = settings_};
+      for (auto& [id, layer] : layers) set.layers.push_back(layer.Snapshot());
+      view = sum.Update(set);
+    }
+    if (reader == 0) first = PointsOf(view->tiles);
+    ASSERT_EQ(PointsOf(view->tiles), first);
+    std::shuffle(updates.begin(), updates.end(), random);
+  }
+  EXPECT_GT(first.size(), 10'000u);
+}
+
+TEST_F(SummedLayersTest, APlacementThatIsTakenBackLeavesNothingBehind) {
+  Random random(10);
+  Layer layer(LayerId{"robot", 1}, SessionId{1, 1});
+  layer.BeginCommit();
+  for (int n = 0; n < 9; ++n) layer.EditTile(RandomKey(random, 2)) = RandomTile(random, kLimits);
+  LayerSet set{.options = {.limits = kLimits}, .layers = {layer.Snapshot()}};
+  SummedLayers sum;
+  const Points before = PointsOf(sum.Update(set)->tiles);
+  LayerSettings setting = set.settings.Next(layer.id(), 1);
+  setting.placement = PlacedAt(0.3, 0.4, 50);
+  set.settings.Merge(layer.id(), setting);
+  EXPECT_NE(PointsOf(sum.Update(set)->tiles), before);
+  setting = set.settings.Next(layer.id(), 1);
+  setting.placement = PlacedAt(0, 0, 0);
+  set.settings.Merge(layer.id(), setting);
+  EXPECT_EQ(PointsOf(sum.Update(set)->tiles), before);
+}
+
+TEST_F(SummedLayersTest, APlacementBeyondEveryMapLeavesOutWhatCannotBe) {
   constexpr int32_t kLast = (kMaxKnotIndex >> 5);
   Layer layer(LayerId{"robot", 1}, SessionId{1, 1});
   layer.BeginCommit();
   layer.EditTile({kLast, 0}).control_points.fill(9);
   layer.EditTile({0, 0}).control_points.fill(7);
   LayerSettings setting = settings_.Next(layer.id(), 1);
-  setting.shift = {KnotShift::kMax, -KnotShift::kMax};
+  constexpr int32_t kKnots = 1 << 26;
+  setting.placement = ShiftBy(kKnots, -kKnots);
   settings_.Merge(layer.id(), setting);
   const auto view =
       ViewOf({.options = {.limits = kLimits}, .layers = {layer.Snapshot()}, .settings = settings_});
   ASSERT_EQ(view->tiles.size(), 1u);
-  EXPECT_EQ(view->tiles.Find({KnotShift::kMax / 32, -KnotShift::kMax / 32})->control_points[5], 7);
+  EXPECT_EQ(view->tiles.Find({kKnots / 32, -kKnots / 32})->control_points[5], 7);
 }
 
 TEST(SettingsTableTest, AnyOrderGroupingAndRepetitionGivesTheSameRecords) {
@@ -148,7 +211,7 @@ TEST(SettingsTableTest, AnyOrderGroupingAndRepetitionGivesTheSameRecords) {
     for (int n = 0; n < 30; ++n) {
       LayerSettings setting;
       setting.muted = random() % 2 == 0;
-      setting.shift = {int32_t(random() % 3), int32_t(random() % 3)};
+      setting.placement = {int64_t(random() % 3), int64_t(random() % 3), int32_t(random() % 2)};
       setting.counter = random() % 4;
       setting.writer = random() % 3;
       setting.removed_up_to = random() % 3 == 0 ? random() % 100 : 0;
@@ -194,7 +257,7 @@ TEST(SettingsTableTest, RecordsAreBounded) {
   EXPECT_FALSE(settings.Merge({"robot", 5000}, settings.Next({"robot", 5000}, 1)));
   EXPECT_EQ(settings.records().size(), SettingsTable::kMax);
   LayerSettings bad;
-  bad.shift = {KnotShift::kMax + 1, 0};
+  bad.placement.x = FixedPose2::kMaxUnits + 1;
   EXPECT_FALSE(bad.IsValid());
 }
 

@@ -35,8 +35,8 @@ export interface Layer {
   state: "own" | "live" | "stale" | "gone" | "removed" | "file";
   is_muted: boolean;
   is_low_weight: boolean;
-  shift_x_m: number;
-  shift_y_m: number;
+  placement: { x_m: number; y_m: number; yaw_rad: number }; // of its frame in the map's
+  is_approximate: boolean; // resampled, since its knots are not those of the map
   tiles: number;
   caught_up: boolean;
   staleness_ms: number | null; // null: never in sync

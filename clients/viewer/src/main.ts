@@ -9,7 +9,7 @@ import { Gestures } from "./gestures";
 import { listenToKeys } from "./keyboard";
 import { showLegend, showScaleBar } from "./legend";
 import { LiveState } from "./live_state";
-import { LayerLook, MapRenderer, ViewName } from "./map_renderer";
+import { MapRenderer, ViewName } from "./map_renderer";
 import { Overlay, Shown } from "./overlay";
 import { Panels, showStatus } from "./panels";
 import { SurfaceChoice } from "./surface_choice";
@@ -17,7 +17,7 @@ import { TestHook } from "./test_hook";
 import { ThemeChoice } from "./theme";
 import { TileStore } from "./tile_store";
 import { ToolName, Tools } from "./tools";
-import { Surface, boxInTiles, requestFor, serves, tileSide_m } from "./view_request";
+import { Surface, boxInTiles, requestFor, serves } from "./view_request";
 import { place, statusOf } from "./words";
 
 const kViews: ViewName[] = ["probability", "log_odds", "contour", "gradient", "last_seen"];
@@ -133,8 +133,7 @@ class Viewer {
     if (this.request && serves(this.request, wanted, this.camera)) return;
     this.request = wanted;
     const { level } = wanted;
-    const shift = this.greatestShift_m() / tileSide_m(knot_interval_m, level);
-    this.store.ask(level, wanted.surfaces, boxInTiles(wanted, knot_interval_m, level), 1 + shift);
+    this.store.ask(level, wanted.surfaces, boxInTiles(wanted, knot_interval_m, level));
     this.connection.sendView(wanted);
     this.requestTimer = window.setTimeout(() => {
       this.requestTimer = 0;
@@ -145,11 +144,6 @@ class Viewer {
   private surface(name: string): Surface {
     const { tiles, bounds } = this.live.layer(name) ?? this.live.map ?? { tiles: 0, bounds: null };
     return { name, tiles, bounds };
-  }
-
-  private greatestShift_m(): number {
-    const shifts_m = this.live.layers.flatMap((layer) => [layer.shift_x_m, layer.shift_y_m]);
-    return Math.max(0, ...shifts_m.map(Math.abs));
   }
 
   // --- Drawing: once for each frame of the screen in which something changed
@@ -179,16 +173,9 @@ class Viewer {
       view: this.view,
       colours: kMapColours[this.theme.theme()],
       knot_interval_m: this.live.map?.knot_interval_m ?? 1,
-      lookOf: (surface) => this.lookOf(surface),
+      colourOf: (surface) => (this.live.layer(surface) ? this.colourOf(surface) : [0, 0, 0]),
       now_utime_ms: Math.max(Date.now(), this.newest_utime_ms),
     });
-  }
-
-  private lookOf(surface: string): LayerLook {
-    const layer = this.live.layer(surface);
-    if (!layer) return { colour: [0, 0, 0], shift_x_m: 0, shift_y_m: 0 }; // the sum has none
-    const { shift_x_m, shift_y_m } = layer;
-    return { colour: this.colourOf(surface), shift_x_m, shift_y_m };
   }
 
   private colourOf(layer: string): Rgb {

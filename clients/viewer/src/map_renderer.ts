@@ -8,19 +8,12 @@ import { Generation, Tile, TileSet, TileStore } from "./tile_store";
 
 export type ViewName = "probability" | "log_odds" | "contour" | "gradient" | "last_seen";
 
-// How a layer is drawn.
-export interface LayerLook {
-  colour: Rgb;
-  shift_x_m: number;
-  shift_y_m: number;
-}
-
 // What to draw besides the tiles.
 export interface Scene {
   view: ViewName;
   colours: MapColours;
   knot_interval_m: number;
-  lookOf(surface: string): LayerLook;
+  colourOf(surface: string): Rgb; // of layers
   now_utime_ms: number; // of the clocks that say when a tile changed
 }
 
@@ -131,10 +124,10 @@ export class MapRenderer {
     setEnabled(gl, gl.DEPTH_TEST, isNewestOnTop);
     setEnabled(gl, gl.BLEND, style === kStyle.lines || style === kStyle.tint);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    const placement = this.placementOf(generation.level, camera, scene);
     generation.sets.forEach((set, k) => {
-      const look = scene.lookOf(generation.surfaces[k]!);
-      const placement = this.placementOf(generation.level, look, camera, scene);
-      this.drawSet(set, look, placement, depths, scene);
+      const colour = scene.colourOf(generation.surfaces[k]!);
+      this.drawSet(set, colour, placement, depths, scene);
     });
   }
 
@@ -158,10 +151,10 @@ export class MapRenderer {
   }
 
   // Doubles until the corner is relative to a tile nearby.
-  private placementOf(level: number, look: LayerLook, camera: Camera, scene: Scene): Placement {
+  private placementOf(level: number, camera: Camera, scene: Scene): Placement {
     const box = camera.box();
-    const x = toLevelKnots((box.x0_m - look.shift_x_m) / scene.knot_interval_m, level);
-    const y = toLevelKnots((box.y0_m - look.shift_y_m) / scene.knot_interval_m, level);
+    const x = toLevelKnots(box.x0_m / scene.knot_interval_m, level);
+    const y = toLevelKnots(box.y0_m / scene.knot_interval_m, level);
     const anchor_tx = Math.floor(x / kTileSide);
     const anchor_ty = Math.floor(y / kTileSide);
     return {
@@ -176,7 +169,7 @@ export class MapRenderer {
 
   private drawSet(
     set: TileSet,
-    look: LayerLook,
+    colour: Rgb,
     placement: Placement,
     depths: Map<Tile, number> | null,
     scene: Scene,
@@ -188,7 +181,7 @@ export class MapRenderer {
     gl.uniform2f(tiles.at("corner"), placement.corner_x, placement.corner_y);
     gl.uniform2f(tiles.at("picture_size"), size_x, size_y);
     gl.uniform1f(tiles.at("knots_per_pixel"), placement.knots_per_pixel);
-    setColour(gl, tiles, "colour", look.colour);
+    setColour(gl, tiles, "colour", colour);
     const pages: Tile[][] = [];
     for (const tile of set.tiles.values()) {
       if (!isOnPicture(tile, placement, size_x, size_y) || !atlas.upload(set, tile)) continue;

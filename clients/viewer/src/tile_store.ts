@@ -82,9 +82,9 @@ export class TileStore {
     this.box = null;
   }
 
-  // The server was asked for a view. `box` is in tiles of the level; tiles further than `margin`
-  // from it are none that the server keeps up to date, wherever layers are shifted to.
-  ask(level: number, surfaces: string[], box: Box, margin: number): void {
+  // The server was asked for a view. `box` is in tiles of the level; tiles further than one from it
+  // are none that the server keeps up to date.
+  ask(level: number, surfaces: string[], box: Box): void {
     clearTimeout(this.settling);
     this.isNewGeneration = !this.current.holds(level, surfaces);
     if (this.isNewGeneration) this.begin(level, surfaces);
@@ -92,7 +92,7 @@ export class TileStore {
     this.framesSinceAsked = 0;
     this.box = box;
     this.forEachTile((tile) => {
-      if (!isInBox(tile, box, margin)) tile.isConfirmed = false;
+      if (!isInBox(tile, box, 1)) tile.isConfirmed = false;
     });
   }
 

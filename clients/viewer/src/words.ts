@@ -75,9 +75,11 @@ export function layerState(layer: Layer): string {
   const words = [kLayerStates[layer.state] ?? layer.state];
   if (layer.is_muted) words.push("muted");
   if (layer.is_low_weight) words.push("low weight");
-  if (layer.shift_x_m !== 0 || layer.shift_y_m !== 0) {
-    words.push(`shifted by ${metres(layer.shift_x_m)}, ${metres(layer.shift_y_m)}`);
+  const { x_m, y_m, yaw_rad } = layer.placement;
+  if (x_m !== 0 || y_m !== 0 || yaw_rad !== 0) {
+    words.push(`placed at ${metres(x_m)}, ${metres(y_m)}, ${degrees(yaw_rad)}`);
   }
+  if (layer.is_approximate) words.push("approximate");
   if ((layer.contradicted ?? -1) > 0.1) words.push(`${percent(layer.contradicted!)} contradicted`);
   return words.join(" · ");
 }

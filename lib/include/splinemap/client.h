@@ -12,6 +12,7 @@
 #include "splinemap/daemon_identity.h"
 #include "splinemap/layer_command.h"
 #include "splinemap/layer_settings.h"
+#include "splinemap/pose2.h"
 #include "splinemap/queryable_map.h"
 
 namespace splinemap {
@@ -28,7 +29,7 @@ struct LayerChange {
   LayerCommand command = LayerCommand::kMute;
   LayerId layer;
   uint64_t session_number = 0;  // of kRemove: which is to be removed
-  KnotShift shift = {};         // of kShift: which is to be from now on
+  Pose2 placement = {};         // of kPlace: map_T_layer, which is to be from now on
 };
 
 // The map of a daemon, asked over LCM. What gets lost is asked again until the deadline, and where

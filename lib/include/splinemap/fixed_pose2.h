@@ -19,6 +19,8 @@ struct FixedPose2 {
 
   auto operator<=>(const FixedPose2&) const = default;
 
+  // Whether numbers are finite, and positions within kMaxUnits.
+  static bool IsInRange(const Pose2& pose);
   // The nearest; requires finite numbers.
   static FixedPose2 Nearest(const Pose2& pose);
   // Its heading is in [-pi, pi).

@@ -20,11 +20,11 @@ struct FollowOptions {
   // Coarser levels are made by the daemons while somebody follows them: smoothed values, or the
   // least or greatest log-odds of the squares of 2^level x 2^level control points, so that
   // obstacles stay. The knot interval of the copy is 2^level times the map's. Control point (i, j)
-  // stands for finer ones from (i, j) 2^level on. Shifts of layers are rounded to knots of the
-  // level.
+  // stands for finer ones from (i, j) 2^level on. Layers that are placed are resampled at the
+  // level; their least and greatest are those of all squares that one of the map touches.
   LevelOfDetail level_of_detail;
   // Whether settings about layers are taken from the bus, and passed on. Else those that were
-  // there at the beginning stay, and nobody on the bus can mute, shift or remove a layer here.
+  // there at the beginning stay, and nobody on the bus can mute, place or remove a layer here.
   bool takes_settings = true;
   // Of all layers together, 2 KiB each; what is beyond is left out, and layers are not in sync.
   size_t max_tiles = size_t{1} << 20;

@@ -11,7 +11,7 @@
 namespace splinemap {
 
 // What clients can change about a layer, for all daemons and clients.
-enum class LayerCommand { kMute, kUnmute, kLowWeight, kNormalWeight, kShift, kRemove };
+enum class LayerCommand { kMute, kUnmute, kLowWeight, kNormalWeight, kPlace, kRemove };
 
 struct LayerCommandText {
   LayerCommand command;
@@ -23,7 +23,7 @@ inline constexpr std::array<LayerCommandText, 6> kLayerCommands{{
     {LayerCommand::kUnmute, "unmute", "Add it to the sum again"},
     {LayerCommand::kLowWeight, "low-weight", "Let it count less than the others: its robot left"},
     {LayerCommand::kNormalWeight, "normal-weight", "Restore its normal weight"},
-    {LayerCommand::kShift, "shift", "Move it by whole knot intervals"},
+    {LayerCommand::kPlace, "place", "Place its frame in that of the map"},
     {LayerCommand::kRemove, "remove", "Remove it for good"},
 }};
 
@@ -37,8 +37,8 @@ inline std::optional<LayerCommand> LayerCommandOf(std::string_view name) {
   return std::nullopt;
 }
 
-// What the command makes of the settings of a layer in this session; `shift` is for kShift.
-inline void Apply(LayerCommand command, KnotShift shift, const SessionId& session,
+// What the command makes of the settings of a layer in this session; `placement` is for kPlace.
+inline void Apply(LayerCommand command, const FixedPose2& placement, const SessionId& session,
                   LayerSettings& settings) {
   switch (command) {
     case LayerCommand::kMute:
@@ -49,8 +49,8 @@ inline void Apply(LayerCommand command, KnotShift shift, const SessionId& sessio
     case LayerCommand::kNormalWeight:
       settings.low_weight = command == LayerCommand::kLowWeight;
       break;
-    case LayerCommand::kShift:
-      settings.shift = shift;
+    case LayerCommand::kPlace:
+      settings.placement = placement;
       break;
     case LayerCommand::kRemove:
       settings.Remove(session);

@@ -5,23 +5,10 @@
 #include <cstdint>
 #include <map>
 
+#include "splinemap/fixed_pose2.h"
 #include "splinemap/layer.h"
-#include "splinemap/region.h"
 
 namespace splinemap {
-
-// Whole knots from a layer's frame to the map's: control point (i, j) of the layer is (i + shift.i,
-// j + shift.j) of the map.
-struct KnotShift {
-  static constexpr int32_t kMax = 1 << 26;  // each way
-
-  int32_t i = 0;
-  int32_t j = 0;
-  auto operator<=>(const KnotShift&) const = default;
-};
-
-// A part of the map in the frame of a layer that is shifted.
-Region InLayerFrame(const Region& region, KnotShift shift, double knot_interval_m);
 
 // What people have decided about one layer, beside what its owner has measured. Everybody on a bus
 // keeps the records of all layers, and passes them on.
@@ -36,7 +23,7 @@ struct LayerSettings {
 
   bool muted = false;       // not in the sum
   bool low_weight = false;  // see SummedLayers
-  KnotShift shift;
+  FixedPose2 placement;     // map_T_layer: from the layer's frame to the map's
   // Of the above the last writer counts: the greatest (counter, writer).
   uint64_t counter = 0;
   uint64_t writer = 0;
@@ -45,8 +32,8 @@ struct LayerSettings {
 
   auto operator<=>(const LayerSettings&) const = default;
 
-  // Whether a file or a message may say so: shifts and numbers within bounds that leave room to
-  // count on.
+  // Whether a file or a message may say so: placements and numbers within bounds, which leave room
+  // to count on.
   bool IsValid() const;
   // Removes the layer for good: all sessions of the generation of `session`. A layer of that name
   // that comes later begins with the default settings.

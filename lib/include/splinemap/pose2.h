@@ -15,6 +15,7 @@ struct Pose2 {
 Pose2 operator*(const Pose2& a_T_b, const Pose2& b_T_c);
 Eigen::Vector2d operator*(const Pose2& a_T_b, const Eigen::Vector2d& p_b);
 
+// b_T_a. The heading is not wrapped.
 Pose2 Inverse(const Pose2& a_T_b);
 
 // The same angle in (-pi, pi].

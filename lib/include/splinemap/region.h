@@ -37,17 +37,38 @@ struct TileBox {
   }
 };
 
-// The tiles that decide what the surface is in `region`, its border included, as far as tiles can
-// be.
-inline TileBox TilesOf(const Region& region, double knot_interval_m) {
+// Control points [i0, i1] x [j0, j1].
+struct KnotRange {
+  int64_t i0 = 0;
+  int64_t j0 = 0;
+  int64_t i1 = 0;
+  int64_t j1 = 0;
+};
+
+// The control points that decide what the surface is in `region`, its border included, as far as
+// control points can be.
+inline KnotRange KnotsOf(const Region& region, double knot_interval_m) {
   // Of the knot interval that holds a point, control points one before to two after (equation 3).
-  const auto tile = [&](double coordinate_m, int reach) {
+  const auto knot = [&](double coordinate_m, int reach) {
     constexpr double kMax = kMaxKnotIndex;
     const double index = std::floor(coordinate_m / knot_interval_m) + reach;
-    return static_cast<int32_t>(index > -kMax ? std::min(index, kMax) : -kMax) >> 5;
+    return static_cast<int64_t>(index > -kMax ? std::min(index, kMax) : -kMax);
   };
-  return {tile(region.x0_m, -1), tile(region.y0_m, -1), tile(region.x1_m, 2) + 1,
-          tile(region.y1_m, 2) + 1};
+  return {knot(region.x0_m, -1), knot(region.y0_m, -1), knot(region.x1_m, 2), knot(region.y1_m, 2)};
+}
+
+// Those that have one of the control points, as far as tiles can be.
+inline TileBox TilesOf(const KnotRange& knots) {
+  const auto tile = [](int64_t knot) {
+    constexpr int64_t kMax = kMaxKnotIndex;
+    return static_cast<int32_t>(std::clamp(knot, -kMax, kMax)) >> 5;
+  };
+  return {tile(knots.i0), tile(knots.j0), tile(knots.i1) + 1, tile(knots.j1) + 1};
+}
+
+// The tiles that decide what the surface is in `region`.
+inline TileBox TilesOf(const Region& region, double knot_interval_m) {
+  return TilesOf(KnotsOf(region, knot_interval_m));
 }
 
 // Where the surface depends on one of the tiles.
