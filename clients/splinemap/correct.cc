@@ -184,7 +184,7 @@ void AddCorrect(CLI::App& app, Command& chosen) {
                    "Map file, or --live in its place; then a CSV file or CARMEN log")
       ->required();
   CLI::Option* const live =
-      command->add_flag("--live", flags->live, "Correct the map of a daemon on an LCM bus");
+      command->add_flag("--live", flags->live, "Use the map of the daemons on an LCM bus");
   AddBusFlags(*command, flags->bus, live);
   RequireLive(command
                   ->add_option("--robot", flags->robot,

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
@@ -11,6 +12,7 @@
 #include "lib/map/placed_tile.h"
 #include "lib/map/summed_layers.h"
 #include "splinemap/file.h"
+#include "splinemap/scan_archive.h"
 
 namespace splinemap {
 namespace {
@@ -26,6 +28,13 @@ int64_t TouchedControlPoints(const TileTree& tiles) {
 double Area(const MapOptions& options, const TileTree& tiles) {
   return static_cast<double>(TouchedControlPoints(tiles)) * options.knot_interval_m *
          options.knot_interval_m;
+}
+
+// Of its poses in the map, as --frame says it.
+std::string FrameText(const LayerSnapshot& layer) {
+  const Pose2 frame = layer.archive ? layer.archive->map_T_world.ToPose() : Pose2();
+  return fmt::format("{:.6g},{:.6g},{:.6g}", frame.position_m.x(), frame.position_m.y(),
+                     frame.yaw_rad * 180 / std::numbers::pi);
 }
 
 nlohmann::json ToJson(const LayerSet& map, const std::string& path) {
@@ -48,6 +57,8 @@ nlohmann::json ToJson(const LayerSet& map, const std::string& path) {
                               {"commits", layer.revision},
                               {"tiles", layer.tiles.size()},
                               {"area_m2", Area(map.options, layer.tiles)},
+                              {"scans", layer.archive ? layer.archive->num_scans() : 0},
+                              {"frame", FrameText(layer)},
                               {"is_approximate", IsApproximate(map.settings.Of(layer.id).placement,
                                                                map.options.knot_interval_m)}});
   }
@@ -62,10 +73,13 @@ void PrintForPeople(const nlohmann::json& json) {
   PrintLine(stdout, "knot interval {} m, control points {} .. {} log-odds",
             number(json["knot_interval_m"]), number(json["clamp_min"]), number(json["clamp_max"]));
   for (const nlohmann::json& layer : json["layers"]) {
-    PrintLine(stdout, "layer {} ({}): session {}, {} commits, {} tiles, {:.1f} m2 seen{}",
+    const auto frame = layer["frame"].get<std::string>();
+    PrintLine(stdout,
+              "layer {} ({}): session {}, {} commits, {} tiles, {:.1f} m2 seen, {} scans kept{}{}",
               layer["name"].get<std::string>(), layer["origin"].get<std::string>(),
               layer["session_number"].get<int64_t>(), layer["commits"].get<int64_t>(),
               layer["tiles"].get<int64_t>(), number(layer["area_m2"]),
+              layer["scans"].get<int64_t>(), frame == "0,0,0" ? "" : ", frame " + frame,
               layer["is_approximate"].get<bool>() ? ", approximate" : "");
   }
 }

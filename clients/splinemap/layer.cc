@@ -15,6 +15,7 @@
 #include "clients/splinemap/live_layers.h"
 #include "clients/splinemap/map_source.h"
 #include "clients/splinemap/print.h"
+#include "clients/splinemap/refold.h"
 #include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
@@ -72,6 +73,24 @@ absl::StatusOr<LayerArguments> ParseArguments(const LayerFlags& flags) {
   return arguments;
 }
 
+// Makes the layer anew from its scans, where all of them are there. The placement that is left to
+// those who read it.
+absl::StatusOr<FixedPose2> PlaceExactly(const FixedPose2& placement, const LayerId& id,
+                                        LayerSet& set) {
+  const std::shared_ptr<const ScanArchive> archive = set.Find(id)->archive;
+  if (archive == nullptr) return placement;
+  if (archive->num_scans() == 0 || !archive->base.IsEmpty()) {
+    return FixedPose2::Nearest(placement.ToPose() * Inverse(archive->map_T_world.ToPose()));
+  }
+  SPLINEMAP_RETURN_IF_ERROR(
+      Refold(set, {NameOf(id)}, [&](const ScanArchive&) -> absl::StatusOr<ArchiveEdit> {
+        ArchiveEdit edit;
+        edit.map_T_world = placement;
+        return edit;
+      }));
+  return FixedPose2();
+}
+
 absl::Status Change(LayerCommand command, const Pose2& placement, const LayerId& id,
                     LayerSet& set) {
   LayerSettings settings = set.settings.Next(id, RandomId());
@@ -79,7 +98,11 @@ absl::Status Change(LayerCommand command, const Pose2& placement, const LayerId&
     SPLINEMAP_ASSIGN_OR_RETURN(set, WithoutLayers(set, {id}, RandomId()));
     return absl::OkStatus();
   }
-  Apply(command, FixedPose2::Nearest(placement), set.Find(id)->session, settings);
+  FixedPose2 on_read = FixedPose2::Nearest(placement);
+  if (command == LayerCommand::kPlace) {
+    SPLINEMAP_ASSIGN_OR_RETURN(on_read, PlaceExactly(on_read, id, set));
+  }
+  Apply(command, on_read, set.Find(id)->session, settings);
   if (!set.settings.Merge(id, settings)) {
     return FailedPrecondition("the map has no room for settings of another layer");
   }
@@ -122,7 +145,11 @@ absl::StatusOr<std::vector<LiveLayer>> ReceiveNamedLayers(const LayerFlags& flag
     for (const layer_status_t& layer : daemon.layers) {
       const LayerId id{layer.settings.name, static_cast<uint64_t>(layer.settings.origin)};
       if (layer.state == "removed") continue;
-      received.try_emplace(id, daemon.name, id, static_cast<uint64_t>(layer.session_number));
+      const LiveLayer here{daemon.name, id, static_cast<uint64_t>(layer.session_number)};
+      // Its owner places it exactly.
+      const bool is_owner = &layer == &daemon.layers.front() && layer.state == "own";
+      if (is_owner) received.insert_or_assign(id, here);
+      received.try_emplace(id, here);
     }
   }
   std::vector<LayerId> candidates;
@@ -175,8 +202,9 @@ good, from the disk of its robot too, and merging with an older file does not re
 given as NAME, or as NAME@ORIGIN, of which the first digits suffice; splinemap layers lists them.
 
 A placement is that of the layer's frame, not from where it was placed before; 0 0 0 takes it back.
-Whole knot intervals and quarters of a turn are exact; others are interpolated whenever the map is
-read, and the layer is called approximate.)";
+A layer whose scans are all there, in the file or at its owner's daemon, is made anew and is exact.
+Of others whole knot intervals and quarters of a turn are exact, and else they are interpolated
+whenever the map is read, and called approximate.)";
 
 constexpr const char* kLayerCommandExamples = R"(
 Examples:

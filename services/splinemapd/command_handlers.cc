@@ -104,18 +104,61 @@ void CommandHandlers::ChangeLayer(const layer_command_request_t& request,
                          names));
     return;
   }
+  const LayerSnapshot own = newest_.Own();
+  const bool is_own = own.id == LayerId{request.name, static_cast<uint64_t>(request.origin)};
+  if (*command == LayerCommand::kPlace && is_own && own.archive->base.IsEmpty()) {
+    PlaceOwn(request, std::move(done));
+  } else {
+    ChangeSettings(*command, request, std::move(done));
+  }
+}
+
+// Exactly, since all scans of the layer are kept.
+void CommandHandlers::PlaceOwn(const layer_command_request_t& request, RequestServer::Done done) {
+  const Pose2 frame{{request.x_m, request.y_m}, request.yaw_rad};
+  if (!FixedPose2::IsInRange(frame)) {
+    done(InvalidArgument("a layer cannot be placed at ({}, {}) m", request.x_m, request.y_m));
+    return;
+  }
+  folding_.Fold(
+      "placed",
+      [map_T_world =
+           FixedPose2::Nearest(frame)](const ScanArchive&) -> absl::StatusOr<ArchiveEdit> {
+        ArchiveEdit edit;
+        edit.map_T_world = map_T_world;
+        return edit;
+      },
+      [this, request, done = std::move(done)](const absl::Status& placed) {
+        if (!placed.ok()) {
+          done(placed);
+          return;
+        }
+        // In place of what was set while it was away.
+        layer_command_request_t none = request;
+        none.x_m = none.y_m = none.yaw_rad = 0;
+        const LayerId id = newest_.Own().id;
+        if (newest_.Layers()->settings.Of(id).placement.IsIdentity()) {
+          saver_.Save(done);
+        } else {
+          ChangeSettings(LayerCommand::kPlace, none, done);
+        }
+      });
+}
+
+void CommandHandlers::ChangeSettings(LayerCommand command, const layer_command_request_t& request,
+                                     RequestServer::Done done) {
   const LayerId id{request.name, static_cast<uint64_t>(request.origin)};
-  std::string text = NameOf(*command);
-  if (*command == LayerCommand::kPlace) {
+  std::string text = NameOf(command);
+  if (command == LayerCommand::kPlace) {
     text +=
         fmt::format(" at ({}, {}) m, turned by {} rad", request.x_m, request.y_m, request.yaw_rad);
   }
   replication_.Edit(
       id,
-      [command = *command, request](const SessionId& session, LayerSettings& settings) {
+      [command, request](const SessionId& session, LayerSettings& settings) {
         return Change(command, request, session, settings);
       },
-      [this, command = *command, text, client = static_cast<uint64_t>(request.header.client), id,
+      [this, command, text, client = static_cast<uint64_t>(request.header.client), id,
        done = std::move(done)](const absl::Status& changed) {
         if (!changed.ok()) {
           done(changed);

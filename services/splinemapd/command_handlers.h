@@ -3,12 +3,14 @@
 #include <vector>
 
 #include "lcmtypes/splinemap/layer_command_request_t.hpp"
+#include "services/splinemapd/folding_thread.h"
 #include "services/splinemapd/map_saver.h"
 #include "services/splinemapd/mapping_thread.h"
 #include "services/splinemapd/newest_map.h"
 #include "services/splinemapd/notice_log.h"
 #include "services/splinemapd/replication_thread.h"
 #include "services/splinemapd/request_server.h"
+#include "splinemap/layer_command.h"
 
 namespace splinemap {
 
@@ -17,11 +19,12 @@ namespace splinemap {
 class CommandHandlers {
  public:
   // The others outlive it. Without `allowed` all commands are refused with PermissionDenied.
-  CommandHandlers(bool allowed, NewestMap& newest, MappingThread& mapping,
+  CommandHandlers(bool allowed, NewestMap& newest, MappingThread& mapping, FoldingThread& folding,
                   ReplicationThread& replication, MapSaver& saver, NoticeLog& notices)
       : allowed_(allowed),
         newest_(newest),
         mapping_(mapping),
+        folding_(folding),
         replication_(replication),
         saver_(saver),
         notices_(notices) {}
@@ -33,12 +36,16 @@ class CommandHandlers {
   void Save(RequestServer::Done done);
   void Clear(uint64_t session_number, RequestServer::Done done);
   void ChangeLayer(const layer_command_request_t& request, RequestServer::Done done);
+  void ChangeSettings(LayerCommand command, const layer_command_request_t& request,
+                      RequestServer::Done done);
+  void PlaceOwn(const layer_command_request_t& request, RequestServer::Done done);
   // FailedPrecondition where the own layer is in another session.
   absl::Status CheckSession(uint64_t session_number) const;
 
   const bool allowed_;
   NewestMap& newest_;
   MappingThread& mapping_;
+  FoldingThread& folding_;
   ReplicationThread& replication_;
   MapSaver& saver_;
   NoticeLog& notices_;

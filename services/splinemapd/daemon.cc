@@ -66,7 +66,8 @@ struct Daemon::Parts {
         folding(config, stored.options, newest, mapping, notices),
         replication(bus, FollowOptionsOf(config), PublisherOptionsOf(config.service()),
                     stored.others, newest, notices),
-        handlers(config.service().remote_commands(), newest, mapping, replication, saver, notices),
+        handlers(config.service().remote_commands(), newest, mapping, folding, replication, saver,
+                 notices),
         requests(
             config.channel_prefix(), newest,
             [&bus](const std::string& channel, absl::Span<const uint8_t> reply) {
