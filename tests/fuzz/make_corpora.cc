@@ -29,6 +29,7 @@
 #include "lcmtypes/splinemap/tile_update_t.hpp"
 #include "lcmtypes/splinemap/trajectory_t.hpp"
 #include "lib/logs/lcm_log.h"
+#include "lib/replication/protocol.h"
 #include "lib/rpc/messages.h"
 #include "lib/tiles/tile_codec.h"
 #include "lib/wire/encode.h"
@@ -131,7 +132,7 @@ class CorpusMaker {
     layer_digest_t digest{};
     digest.speaker = 3;
     digest.layer = layer;
-    digest.protocol_version = 2;
+    digest.protocol_version = kProtocolVersion;
     digest.knot_interval_m = 0.05;
     digest.min_control_point = -2560;
     digest.max_control_point = 2560;

@@ -128,7 +128,8 @@ expect 0 splinemap layer unmute --live robot
 expect 0 splinemap layer place --live robot 0.12 -0.05 30.5
 [[ $(splinemap layers --live --json | jq -c '.[0].layers[0] | [.placement, .is_approximate]') == \
   '[{"x_m":0.12,"y_m":-0.05,"yaw_deg":30.5},true]' ]] || fail "not placed: $(splinemap layers --live)"
-expect_text "placed at 0.12, -0.05 m, 30.5 deg, approximate" <(splinemap layers --live)
+expect 0 splinemap layers --live
+expect_text "placed at 0.12, -0.05 m, 30.5 deg, approximate" out
 # In a file it is the same map.
 expect 0 splinemap layer place saved.splinemap robot 0.12 -0.05 30.5 --out placed.splinemap
 for point in "-1.0 -1.5" "0.5 0.5" "1.3 -0.2"; do

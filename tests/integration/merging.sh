@@ -198,7 +198,8 @@ expect 0 splinemap layer place fleet.splinemap robot-2 0 0 90 --out turned.splin
 expect 0 splinemap layer place turned.splinemap robot-2 0 0 360 --out back.splinemap --force
 expect 0 splinemap diff back.splinemap fleet.splinemap
 expect 0 splinemap layer place fleet.splinemap robot-2 0 0 1 --out turned.splinemap --force
-expect_text "m2 seen, approximate" <(splinemap info turned.splinemap)
+expect 0 splinemap info turned.splinemap
+expect_text "m2 seen, approximate" out
 # What is cropped is the map that it was within the region, in its place.
 expect 0 splinemap layer place fleet.splinemap robot-2 1.01 2 130 --out turned.splinemap --force
 expect 0 splinemap crop turned.splinemap cropped.splinemap --region 0,0,3,2

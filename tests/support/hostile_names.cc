@@ -19,6 +19,7 @@
 #include "lib/base/status.h"
 #include "lib/config/config.h"
 #include "lib/logs/lcm_log.h"
+#include "lib/replication/protocol.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "lib/wire/lcm_bus.h"
@@ -71,7 +72,7 @@ layer_digest_t Digest(const std::string& name, int64_t origin, double knot_inter
   digest.layer.session_number = 1;
   digest.layer.session_nonce = 1;
   digest.speaker = 1;
-  digest.protocol_version = 2;
+  digest.protocol_version = kProtocolVersion;
   digest.knot_interval_m = knot_interval_m;
   digest.root_level = 1;
   const ControlLimits limits = MapOptionsOf(config::Method()).limits;  // of daemons by themselves

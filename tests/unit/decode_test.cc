@@ -26,6 +26,7 @@
 #include "lcmtypes/splinemap/sweep_t.hpp"
 #include "lcmtypes/splinemap/sweeps_request_t.hpp"
 #include "lcmtypes/splinemap/tile_update_t.hpp"
+#include "lib/replication/protocol.h"
 #include "lib/wire/encode.h"
 #include "lib/wire/sensor_messages.h"
 #include "splinemap/layer.h"
@@ -387,7 +388,7 @@ TEST(DecodeTest, NumbersOfLayersThatNoOwnerReachesAreRefused) {
   const auto digest_with = [](auto change) {
     layer_digest_t digest{};
     digest.layer = Updates().layer;
-    digest.protocol_version = 2;
+    digest.protocol_version = kProtocolVersion;
     digest.knot_interval_m = 0.05;
     digest.min_control_point = -2560;
     digest.max_control_point = 2560;
