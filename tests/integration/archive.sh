@@ -75,6 +75,16 @@ differ office.splinemap turned.splinemap
 expect 2 "${build[@]}" none.splinemap "${flags[@]}" --frame 3,-2
 expect_text "X_M,Y_M,YAW_DEG is expected" err
 
+expect 0 splinemap layer place office.splinemap robot 3 -2 90 --out placed.splinemap
+equal turned.splinemap placed.splinemap
+expect 0 splinemap layer place placed.splinemap robot 0 0 0 --out back.splinemap
+equal office.splinemap back.splinemap
+
+# A chair that came, and one that went.
+expect 0 splinemap changes office.splinemap --since start+30s --picture changes.png
+expect_text "became,x0_m,y0_m,x1_m,y1_m,area_m2" out
+[[ -s changes.png ]] || fail "no picture"
+
 # A part of the drive left out; every other scan.
 expect 0 splinemap fold office.splinemap --without-region 0,0,5,5 --out without.splinemap
 expect 0 splinemap fold office.splinemap --every-nth 2 --out half.splinemap
@@ -112,6 +122,13 @@ for drive in intel aces freiburg-079; do
     (($(jq .scans_mapped status.json) >= $1))' _ "$scans"
   expect 0 splinemap correct --live "$log" --robot robot
   await grep -q "the layer was corrected by a trajectory" daemon.log
+  if [[ $drive == intel ]]; then
+    expect 0 splinemap layer place --live robot 5 -1 30
+    expect 0 splinemap snapshot live_placed.splinemap
+    expect 0 splinemap build right.lcmlog placed.splinemap "${flags[@]}" --frame 5,-1,30 --force
+    equal placed.splinemap live_placed.splinemap
+    expect 0 splinemap layer place --live robot 0 0 0
+  fi
   kill "$daemon"
   wait "$daemon" || fail "the daemon: $(cat daemon.log)"
   grep -o "the layer was corrected.*" daemon.log
