@@ -719,6 +719,56 @@ TEST_F(MapFileArchiveTest, WhatIsSavedAlreadyIsNotWrittenAgain) {
             database.execAndGet("SELECT count(*) FROM scan_poses").getInt());
 }
 
+// All tiles say how many scans there were, those of the base how many it has.
+TEST_F(MapFileArchiveTest, AKilledSaverLeavesTilesAndScansOfOneSave) {
+  for (int round = 0; round < 8; ++round) {
+    const pid_t child = fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      auto file = MapFile::Open(path_);
+      Layer& layer = map_.AddLayer({"robot", 1}, {1, 1});
+      while (true) {
+        AddScans(37);
+        if (archive_.num_scans() > 600) {
+          archive_.base.scans += archive_.TakeOldest()->num_scans;
+          TileTreeEditor base;
+          for (int k = 0; k < 20; ++k) {
+            base.Edit({k, 0}, 1).control_points.fill(
+                static_cast<ControlPoint>(archive_.base.scans % 10'000));
+          }
+          archive_.base.tiles = base.Freeze();
+        }
+        layer.BeginCommit();
+        for (int k = 0; k < 20; ++k) {
+          layer.EditTile({k, 0}).control_points.fill(
+              static_cast<ControlPoint>(archive_.scans_added() % 10'000));
+        }
+        if (!file->Save(Set()).ok()) _exit(1);
+      }
+    }
+    while (!ReadMapFile(path_).ok()) usleep(1000);
+    usleep(1000 * (20 + 29 * round));
+    kill(child, SIGKILL);
+    int status = 0;
+    waitpid(child, &status, 0);
+    ASSERT_TRUE(WIFSIGNALED(status)) << "the saver failed before it was killed";
+
+    const auto loaded = ReadMapFile(path_);
+    ASSERT_TRUE(loaded.ok()) << loaded.status();
+    ASSERT_TRUE(loaded->corruption.empty()) << loaded->corruption.front();
+    const LayerSnapshot& layer = loaded->set.layers.front();
+    const int64_t scans = layer.archive->base.scans + layer.archive->num_scans();
+    layer.tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
+      ASSERT_EQ(entry.tile->control_points[7], scans % 10'000);
+    });
+    layer.archive->base.tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
+      ASSERT_EQ(entry.tile->control_points[7], layer.archive->base.scans % 10'000);
+    });
+    EXPECT_EQ(layer.tiles.size(), 20u);
+    MapFile::Remove(path_);
+  }
+}
+
 TEST_F(MapFileArchiveTest, AFileOfTheSchemaBeforeHasTheLayerAsItsBase) {
   std::filesystem::copy_file(TestData("map_of_schema_2"), path_);
   const LayerSnapshot layer = ReadMapFile(path_)->set.layers.front();
