@@ -47,6 +47,10 @@ class Window {
   }
 
   bool IsEmpty() const { return is_empty_; }
+  // The first `count` of a row, from the first row on.
+  void CopyRow(int row, int count, ControlPoint* to) const {
+    std::copy_n(&points_[kMaxSide * row], count, to);
+  }
   int At(int64_t i, int64_t j) const { return points_[kMaxSide * (j - j0_) + (i - i0_)]; }
 
  private:
@@ -163,9 +167,9 @@ KnotPlacement::KnotPlacement(const FixedPose2& map_T_layer, double knot_interval
   y_knots_ = y_whole;
 }
 
-bool KnotPlacement::IsIdentity() const {
-  return is_exact_ && cosine_ == 1 && x_knots_ == 0 && y_knots_ == 0;
-}
+bool KnotPlacement::IsShift() const { return is_exact_ && cosine_ == 1; }
+
+bool KnotPlacement::IsIdentity() const { return IsShift() && x_knots_ == 0 && y_knots_ == 0; }
 
 KnotPlacement::Place KnotPlacement::PlaceOf(int64_t i, int64_t j) const {
   const double x = static_cast<double>(i) - x_knots_;
@@ -246,23 +250,26 @@ const Tile* PlaceTile(const TileTree& layer, TileKey key, const KnotPlacement& p
   const KnotRange of_map = KnotsOf(key);
   const Window window(layer, placement.ToLayer(of_map));
   if (window.IsEmpty()) return nullptr;
-  bool is_there = false;
-  for (int k = 0; k < Tile::kSize; ++k) {
+  std::array<ControlPoint, Tile::kSize>& points = tile.control_points;
+  if (placement.IsShift()) {
+    for (int j = 0; j < kSide; ++j) window.CopyRow(j, kSide, &points[kSide * j]);
+  }
+  for (int k = 0; k < Tile::kSize && !placement.IsShift(); ++k) {
     const auto place = placement.PlaceOf(of_map.i0 + k % kSide, of_map.j0 + k / kSide);
-    ControlPoint& point = tile.control_points[k];
     if (placement.statistic_ != Statistic::kMean) {
-      point = ExtremeOf(window, placement.SquaresUnder(place), placement.statistic_);
+      points[k] = ExtremeOf(window, placement.SquaresUnder(place), placement.statistic_);
     } else {
       const int64_t x = PhasesOf(place.x);
       const int64_t y = PhasesOf(place.y);
       const int nearest =
           window.At((x + kPhases / 2) >> kPhaseBits, (y + kPhases / 2) >> kPhaseBits);
-      point = nearest == 0 || placement.IsExact() ? static_cast<ControlPoint>(nearest)
-                                                  : Interpolated(window, x, y, nearest);
+      points[k] = nearest == 0 || placement.IsExact() ? static_cast<ControlPoint>(nearest)
+                                                      : Interpolated(window, x, y, nearest);
     }
-    is_there = is_there || point != 0;
   }
-  return is_there ? &tile : nullptr;
+  const bool is_known =
+      std::any_of(points.begin(), points.end(), [](ControlPoint point) { return point != 0; });
+  return is_known ? &tile : nullptr;
 }
 
 TileTree Placed(const TileTree& layer, const KnotPlacement& placement) {

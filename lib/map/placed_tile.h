@@ -51,6 +51,7 @@ class KnotPlacement {
     double x;
     double y;
   };
+  bool IsShift() const;  // by whole knot intervals
   Place PlaceOf(int64_t i, int64_t j) const;
   KnotRange SquaresUnder(const Place& place) const;
   KnotRange ToMap(const KnotRange& layer) const;
