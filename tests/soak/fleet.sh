@@ -146,7 +146,8 @@ drive_s=$(splinemap doctor "$log" --json --scan LASER --pose POSE |
   jq '[.channels[] | select(.name == "LASER") | (.messages - 1) / .rate_hz] | add')
 speed=$(calc "$drive_s / $replay_s")
 "$top/tests/support/split_drive.py" "$log" LASER 5 part_
-printf 'service { save_interval_s: 1 }\n' > daemon.textproto
+# Without scans a layer is placed where it is read.
+printf 'service { save_interval_s: 1 max_archive_mb: 0 }\n' > daemon.textproto
 
 printf '%-52s %8s %10s\n' "what happened" "equal, s" "bridge, kB"
 start base robot-{1,2,4,5}
