@@ -80,6 +80,18 @@ equal turned.splinemap placed.splinemap
 expect 0 splinemap layer place placed.splinemap robot 0 0 0 --out back.splinemap
 equal office.splinemap back.splinemap
 
+# Merged maps keep the scans of all robots.
+expect 0 splinemap build office.lcmlog other.splinemap --scan LASER --pose POSE --name other --frame 1,1,0
+expect 0 splinemap merge office.splinemap other.splinemap --out both.splinemap
+expect 0 splinemap verify both.splinemap
+[[ $(grep -c "are what its" out) == 2 ]] || fail "verify: $(cat out)"
+expect 0 splinemap layer place both.splinemap other 0 0 0 --out both_placed.splinemap
+expect 0 splinemap layers both_placed.splinemap
+! grep -q approximate out || fail "a layer with its scans is placed exactly: $(cat out)"
+expect 2 splinemap correct both.splinemap right.csv --out none.splinemap
+expect_text "say which one is to be corrected with --layer" err
+expect 0 splinemap correct both.splinemap drifted.csv --layer robot --out both_corrected.splinemap
+
 # A chair that came, and one that went.
 expect 0 splinemap changes office.splinemap --since start+30s --picture changes.png
 expect_text "became,x0_m,y0_m,x1_m,y1_m,area_m2" out
