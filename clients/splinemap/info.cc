@@ -75,12 +75,12 @@ void PrintForPeople(const nlohmann::json& json) {
   for (const nlohmann::json& layer : json["layers"]) {
     const auto frame = layer["frame"].get<std::string>();
     PrintLine(stdout,
-              "layer {} ({}): session {}, {} commits, {} tiles, {:.1f} m2 seen, {} scans kept{}{}",
+              "layer {} ({}): session {}, {} commits, {} tiles, {:.1f} m2 seen{}, {} scans kept{}",
               layer["name"].get<std::string>(), layer["origin"].get<std::string>(),
               layer["session_number"].get<int64_t>(), layer["commits"].get<int64_t>(),
               layer["tiles"].get<int64_t>(), number(layer["area_m2"]),
-              layer["scans"].get<int64_t>(), frame == "0,0,0" ? "" : ", frame " + frame,
-              layer["is_approximate"].get<bool>() ? ", approximate" : "");
+              layer["is_approximate"].get<bool>() ? ", approximate" : "",
+              layer["scans"].get<int64_t>(), frame == "0,0,0" ? "" : ", frame " + frame);
   }
 }
 

@@ -6,6 +6,7 @@
 #include "absl/strings/numbers.h"
 #include "absl/time/time.h"
 #include "lib/base/status.h"
+#include "lib/wire/message_type.h"
 #include "splinemap/scan_archive.h"
 
 namespace splinemap {
@@ -38,10 +39,12 @@ absl::StatusOr<Utime> ParseTime(const std::string& text, const LayerSet& set) {
         duration == -absl::InfiniteDuration()) {
       return error();
     }
-    return base + Utime(absl::ToInt64Microseconds(duration));
+    return Utime(absl::ToUnixMicros(absl::FromUnixMicros(base.count()) + duration));
   }
   int64_t utime = 0;
-  if (absl::SimpleAtoi(text, &utime)) return Utime(utime);
+  if (absl::SimpleAtoi(text, &utime)) {
+    return CheckUtime(utime).ok() ? absl::StatusOr<Utime>(Utime(utime)) : error();
+  }
   absl::Time time;
   std::string ignored;
   for (const char* format : {"%Y-%m-%dT%H:%M:%E*S", "%Y-%m-%d"}) {

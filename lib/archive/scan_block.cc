@@ -17,6 +17,7 @@ namespace {
 constexpr int kZstdLevel = 1;
 constexpr size_t kMaxUnpackedBytes = size_t{16} << 20;
 constexpr float kMaxRange_m = 1000;
+constexpr Utime kMaxTime{int64_t{1} << 60};  // so that differences of times are some
 
 enum Flag : uint32_t { kHasSensorPoses = 1, kHasBearings = 2, kHasHits = 4 };
 
@@ -359,8 +360,9 @@ std::optional<std::vector<ScanPose>> PosesOf(const std::string& bytes) {
     y += static_cast<uint64_t>(record.y(k));
     yaw = WrappedSum(yaw, record.yaw(k));
     const FixedPose2 pose{static_cast<int64_t>(x), static_cast<int64_t>(y), yaw};
-    if (!pose.IsValid()) return std::nullopt;
-    poses.push_back({Utime(static_cast<int64_t>(utime)), pose});
+    const Utime time(static_cast<int64_t>(utime));
+    if (!pose.IsValid() || time < -kMaxTime || time > kMaxTime) return std::nullopt;
+    poses.push_back({time, pose});
   }
   return poses;
 }

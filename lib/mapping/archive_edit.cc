@@ -132,7 +132,7 @@ absl::StatusOr<ArchiveEdit> ForgetBefore(const ScanArchive& archive, Utime utime
 }
 
 absl::StatusOr<ArchiveEdit> WindBackTo(const ScanArchive& archive, Utime utime) {
-  if (!BaseEndsBefore(archive, utime + Utime(1))) {
+  if (!BaseEndsBefore(archive, std::min(utime, Utime::max() - Utime(1)) + Utime(1))) {
     return FailedPrecondition(
         "{} of the layer are not kept any more, so it cannot be wound back to then; "
         "max_archive_mb says how many are kept",

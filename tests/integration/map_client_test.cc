@@ -248,12 +248,14 @@ TEST_F(MapClientTest, SettingsOfALayerAreForEverybodyAndOnDisk) {
   }
   EXPECT_TRUE(absl::IsNotFound(client_->Set({LayerCommand::kMute, {id.name, id.origin + 1}})));
   EXPECT_TRUE(absl::IsFailedPrecondition(client_->Set({LayerCommand::kRemove, id, 7})));
-  ASSERT_TRUE(client_->Set({LayerCommand::kRemove, id, 1}).ok());
+  // It was made anew in its place, in another session.
+  EXPECT_TRUE(absl::IsFailedPrecondition(client_->Set({LayerCommand::kRemove, id, 1})));
+  ASSERT_TRUE(client_->Set({LayerCommand::kRemove, id, 2}).ok());
   EXPECT_EQ(ViewOf(ReadMapFile(config_.map())->set)->tiles.size(), 0u);
   Await([&] { return follower->View()->tiles.size() == 0; });
   Drive(10);
-  // What begins anew is where it was mapped.
-  Await([&] { return follower->View()->Evaluate(3.03, 0).log_odds > 0; });
+  // What begins anew is in the frame of the robot that was placed.
+  Await([&] { return follower->View()->Evaluate(4.03, 0).log_odds > 0; });
   EXPECT_EQ(follower->FollowedLayers()[0].session.number, LayerSettings::kSessionsPerGeneration);
 }
 

@@ -195,7 +195,8 @@ same merged.splinemap client.splinemap
 same merged.splinemap base.splinemap
 [[ $(splinemap layers merged.splinemap --json | jq length) == 5 ]] || fail "layers: $(hashes merged.splinemap)"
 for k in 1 2 3; do  # which saw all of their parts
-  expect 0 splinemap build "part_$k.lcmlog" "alone_$k.splinemap" --name "robot-$k" --scan LASER --pose POSE
+  expect 0 splinemap build "part_$k.lcmlog" "alone_$k.splinemap" --name "robot-$k" --scan LASER --pose POSE \
+    --config daemon.textproto
   [[ $(layer_hash merged.splinemap "robot-$k") == "$(layer_hash "alone_$k.splinemap" "robot-$k")" ]] ||
     fail "the layer of robot-$k is not what it has seen: $(hashes merged.splinemap)"
 done
@@ -229,7 +230,8 @@ if [[ -z $quick ]]; then
   play robot-5
   wait "${player[robot-5]}"
   row "robot-5 maps anew"
-  expect 0 splinemap build part_5.lcmlog alone_5.splinemap --name robot-5 --scan LASER --pose POSE
+  expect 0 splinemap build part_5.lcmlog alone_5.splinemap --name robot-5 --scan LASER --pose POSE \
+    --config daemon.textproto
 fi
 
 snapshot last.splinemap
