@@ -75,7 +75,7 @@ class Window {
   std::array<ControlPoint, kMaxSide * kMaxSide> points_{};
 };
 
-// Weights of the four control points around a place `phase` beyond the second of them, in 2^-25:
+// Weights of the four control points around a place n / 256 beyond the second of them, in 2^-25:
 // Catmull-Rom's, which make straight lines and parabolas of such.
 constexpr int kWeightBits = 3 * kPhaseBits + 1;
 struct Weights {

@@ -142,9 +142,9 @@ void MapFollower::Handle(const layers_t& layers, Clock::time_point now) {
     const LayerId id{layer.settings.name, static_cast<uint64_t>(layer.settings.origin)};
     if (layer.num_tiles == 0 || !IsFollowed(id)) continue;
     if (!announced_.contains(id) && announced_.size() >= kMaxLayers) continue;
-    announced_[id] = {
-        {static_cast<uint64_t>(layer.session_number), static_cast<uint64_t>(layer.session_nonce)},
-        now};
+    announced_[id] = {{static_cast<uint64_t>(layer.session_number),
+                       static_cast<uint64_t>(layer.session_nonce)},
+                      now};
   }
 }
 

@@ -140,7 +140,7 @@ class MapFollower {
     MapOptions options;
     Clock::time_point when;
   };
-  std::map<LayerId, Told> told_;  // the options of layers, by digests of late
+  std::map<LayerId, Told> told_;        // the options of layers, by digests of late
   // What daemons have said of late that they have.
   struct Announced {
     SessionId session;

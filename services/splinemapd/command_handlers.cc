@@ -26,15 +26,17 @@ absl::Status Change(LayerCommand command, const layer_command_request_t& request
     return FailedPrecondition("the command is for session {} of layer {}, which is in session {}",
                               request.session_number, Quoted(request.name), session.number);
   }
-  const Pose2 placement{{request.x_m, request.y_m}, request.yaw_rad};
-  if (!FixedPose2::IsInRange(placement)) {
-    return InvalidArgument(
-        "a placement at ({}, {}) m, turned by {} rad; at most {:.0f} km each way "
-        "are allowed",
-        request.x_m, request.y_m, request.yaw_rad,
-        1e-3 * FixedPose2::kMaxUnits / FixedPose2::kUnitsPerMetre);
+  FixedPose2 placement;
+  if (command == LayerCommand::kPlace) {
+    const Pose2 pose{{request.x_m, request.y_m}, request.yaw_rad};
+    if (!FixedPose2::IsInRange(pose)) {
+      return InvalidArgument("a placement at ({}, {}) m, turned by {} rad; {:.0f} km can be",
+                             request.x_m, request.y_m, request.yaw_rad,
+                             1e-3 * FixedPose2::kMaxUnits / FixedPose2::kUnitsPerMetre);
+    }
+    placement = FixedPose2::Nearest(pose);
   }
-  Apply(command, FixedPose2::Nearest(placement), session, settings);
+  Apply(command, placement, session, settings);
   return absl::OkStatus();
 }
 

@@ -67,8 +67,8 @@ class SummedLayersTest : public testing::Test {
       case 2:
       case 3: {
         LayerSettings setting = settings_.Next(id, random());
-        if (random() % 2 == 0) {
-          (random() % 2 == 0 ? setting.muted : setting.low_weight) ^= true;
+        if (random() % 3 == 0) {
+          (random() % 3 == 0 ? setting.muted : setting.low_weight) ^= true;
         } else {
           setting.placement = ShiftBy(int32_t(random() % 200) - 100, 32.0 * int32_t(random() % 3));
           if (random() % 2 == 0) setting.placement.yaw = static_cast<int32_t>(random());
@@ -97,14 +97,22 @@ class SummedLayersTest : public testing::Test {
 };
 
 TEST_F(SummedLayersTest, IsTheSumOfWhatIsThereWhateverHappenedBefore) {
-  Random random(3);
+  Random random(1);
   SummedLayers sum;
   SummedLayers backwards;
   std::shared_ptr<const MapView> shown = std::make_shared<MapView>();
   int changes = 0;
+  int placed_anew = 0;  // while other layers were there
   for (int step = 0; step < 150; ++step) {
+    const SettingsTable before_step = settings_;
     Step(random);
     LayerSet set = Layers();
+    for (const LayerSnapshot& layer : set.layers) {
+      const bool is_placed_anew =
+          settings_.Of(layer.id).placement != before_step.Of(layer.id).placement;
+      placed_anew += is_placed_anew && !settings_.Of(layer.id).muted && layer.tiles.size() > 0 &&
+                     set.layers.size() > 2;
+    }
     const auto view = sum.Update(set);
     const Points expected = SimplySummed(set);
     ASSERT_EQ(PointsOf(view->tiles), expected) << "step " << step;
@@ -125,6 +133,7 @@ TEST_F(SummedLayersTest, IsTheSumOfWhatIsThereWhateverHappenedBefore) {
     shown = view;
   }
   EXPECT_GT(changes, 10'000);
+  EXPECT_GT(placed_anew, 5);
 }
 
 TEST_F(SummedLayersTest, ReadersThatGotTilesInAnotherOrderHaveTheSameBytes) {
