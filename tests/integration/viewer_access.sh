@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# splinemap-viewer answers who may ask, and nobody else; what comes in is bounded in size, number and time.
+# splinemap-viewer answers who may ask, and nobody else; what comes in is bounded in size, number and time;
+# what pages are sent is where it is in the map.
 if [[ -z ${LCM_DEFAULT_URL:-} || ${2:-} != inside ]]; then
   exec "$1/deploy/own_bus.sh" "$0" "$1" inside
 fi

@@ -318,6 +318,24 @@ class WhatComesIn(unittest.TestCase):
                 f"{1000 * slowest_s:.0f} ms or less")
 
 
+class Layers(unittest.TestCase):
+    def test_a_layer_that_is_placed_is_shown_where_it_is_in_the_map(self):
+        shown = []
+        for place in ["0 0 0", "1 -0.5 0", "1.01 -0.5 40"]:
+            command = f"splinemap layer place room.splinemap robot {place} --out placed.splinemap --force"
+            subprocess.run(command.split(), check=True, stderr=subprocess.DEVNULL)
+            with Viewer(of=("placed.splinemap",)) as viewer, WebSocket(viewer.port) as page:
+                layer, = page.frame()["layers"]
+                self.assertEqual(layer["is_approximate"], place.endswith("40"))
+                # Tiles and the bytes of each; the layer is all of the sum.
+                seen = [sorted(row[1:4] for row in page.tiles(surfaces=[name])) for name in ["sum", layer["key"]]]
+            self.assertEqual(*seen)
+            self.assertGreater(len(seen[0]), 20)
+            shown.append(seen[0])
+        self.assertNotEqual(shown[0], shown[1])
+        self.assertNotEqual(shown[1], shown[2])
+
+
 class Commands(unittest.TestCase):
     """Beside a daemon with a layer, on the bus."""
 

@@ -125,15 +125,19 @@ class WebSocket:
         return value
 
     def see(self, **changes):
-        """Asks for a view; returns when its tiles are there, with how many there were."""
+        """As tiles(); how many there were."""
+        return len(self.tiles(**changes))
+
+    def tiles(self, **changes):
+        """Asks for a view; the rows of its tiles when all are there."""
         view = {"x0_m": -5, "y0_m": -5, "x1_m": 5, "y1_m": 9, "level": 0, "surfaces": ["sum"], **changes}
         self.send(json.dumps({"view": view}).encode())
-        count = 0
+        rows = []
         while True:
             tiles = self.frame().get("tiles")
-            count += len(tiles["list"]) if tiles else 0
+            rows += tiles["list"] if tiles else []
             if tiles and tiles["is_complete"]:
-                return count
+                return rows
 
     def end(self):
         """The code of the server's close, or None where it just closed."""
