@@ -9,6 +9,7 @@
 
 #include "lib/archive/archive.pb.h"
 #include "lib/base/status.h"
+#include "lib/geometry/angle.h"
 #include "splinemap/scan_archive.h"
 
 namespace splinemap {
@@ -34,9 +35,8 @@ bool InUnits(const std::vector<Beam>& beams, uint32_t unit_um, std::vector<uint3
   const double per_m = 1e6 / unit_um;
   const size_t begin = units.size();
   for (const Beam& beam : beams) {
-    const double number = std::floor(beam.range_m * per_m + 0.5);
-    if (!(number < 1 << (8 * kUnitPlanes)) ||
-        RangeOf(static_cast<int64_t>(number), unit_um) != beam.range_m) {
+    const int64_t number = RoundToInt(beam.range_m * per_m);
+    if (number >= 1 << (8 * kUnitPlanes) || RangeOf(number, unit_um) != beam.range_m) {
       units.resize(begin);
       return false;
     }
@@ -59,10 +59,11 @@ float FloatOf(uint32_t bits) {
 
 // The lowest bytes of all numbers, then the next.
 std::string PlanesOf(const std::vector<uint32_t>& numbers, int planes) {
-  std::string bytes;
-  bytes.reserve(numbers.size() * planes);
+  const size_t count = numbers.size();
+  std::string bytes(count * planes, '\0');
   for (int plane = 0; plane < planes; ++plane) {
-    for (const uint32_t number : numbers) bytes.push_back(static_cast<char>(number >> 8 * plane));
+    char* const to = bytes.data() + plane * count;
+    for (size_t k = 0; k < count; ++k) to[k] = static_cast<char>(numbers[k] >> 8 * plane);
   }
   return bytes;
 }
