@@ -87,8 +87,8 @@ void AddChanges(CLI::App& app, Command& chosen) {
   command->footer(
       std::string("\nExamples:\n  splinemap changes lab.splinemap --since end-1h\n  splinemap "
                   "changes lab.splinemap --since 2026-11-28 --picture changes.png\n\nThe map as it "
-                  "was is made of the scans that the file keeps. Here ") +
-      kTimeHelp + ".");
+                  "was is made of the scans that the file keeps.") +
+      kTimeFooter);
   command->add_option("MAP", flags->map, "Map file")->required();
   command->add_option("--since", flags->since, "What is compared with now")
       ->type_name("TIME")

@@ -131,7 +131,7 @@ Makes the map anew from the scans that it keeps, exactly as if it had been mappe
 void AddFold(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<FoldFlags>();
   CLI::App* command = app.add_subcommand("fold", "Make a map anew from its scans");
-  command->footer(kFoldExamples + std::string(" ") + "Here " + kTimeHelp + ".");
+  command->footer(std::string(kFoldExamples) + kTimeFooter);
   command->add_option("MAP", flags->map, "Map file")->required();
   AddOutOption(*command, "Map file to write", flags->output);
   command->add_option("--knot-interval-m", flags->knot_interval_m, "Another resolution")

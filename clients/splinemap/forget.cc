@@ -49,8 +49,8 @@ void AddForget(CLI::App& app, Command& chosen) {
   CLI::App* command = app.add_subcommand("forget", "Make the map of the scans since a time");
   command->footer(
       std::string("\nExample:\n  splinemap forget lab.splinemap --before end-1h --out "
-                  "now.splinemap\n\nThe map is as if the older scans had never been made. Here ") +
-      kTimeHelp + ".");
+                  "now.splinemap\n\nThe map is as if the older scans had never been made.") +
+      kTimeFooter);
   command->add_option("MAP", flags->map, "Map file")->required();
   command->add_option("--before", flags->before, "Scans before this time are forgotten")
       ->type_name("TIME")

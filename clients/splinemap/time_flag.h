@@ -13,6 +13,11 @@ inline constexpr const char* kTimeHelp =
     "a TIME is end-90s or start+1h30m, of the scans in the map, 2026-11-29T10:00:00 (UTC), or "
     "microseconds since 1970";
 
+// The same for the end of a command's help.
+inline constexpr const char* kTimeFooter =
+    "\nA TIME is end-90s or start+1h30m, of the scans in the map, 2026-11-29T10:00:00 (UTC), or\n"
+    "microseconds since 1970.";
+
 // First and last scan that the layers keep. NotFound where they keep none.
 struct ArchiveTimes {
   Utime first{0};
