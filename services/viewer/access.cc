@@ -20,6 +20,14 @@ bool IsLoopbackName(std::string_view name) {
          ntohl(address.s_addr) >> 24 == IN_LOOPBACKNET;
 }
 
+// Of a page that came from elsewhere, as the browser says.
+bool IsOfOtherSite(const Access::Claims& claims) {
+  if (claims.fetch_site == "cross-site" || claims.fetch_site == "same-site") return true;
+  if (claims.origin.empty()) return false;
+  const size_t host = claims.origin.find("://");
+  return host == std::string_view::npos || claims.origin.substr(host + 3) != claims.host;
+}
+
 // Takes as long wherever they differ.
 bool IsEqual(std::string_view a, std::string_view b) {
   unsigned char differs = a.size() == b.size() ? 0 : 1;
@@ -34,13 +42,7 @@ absl::Status Access::Check(const Claims& claims) const {
   if (is_loopback && !IsLoopbackName(NameOfHost(claims.host))) {
     return absl::PermissionDeniedError("ask for localhost: this server knows no other name");
   }
-  if (!claims.origin.empty()) {
-    const size_t host = claims.origin.find("://");
-    if (host == std::string_view::npos || claims.origin.substr(host + 3) != claims.host)
-      return absl::PermissionDeniedError("pages of other sites may not ask");
-  }
-  if (claims.fetch_site == "cross-site" || claims.fetch_site == "same-site")
-    return absl::PermissionDeniedError("pages of other sites may not ask");
+  if (IsOfOtherSite(claims)) return absl::PermissionDeniedError("pages of other sites may not ask");
   if (token.empty()) return absl::OkStatus();
   constexpr std::string_view kBearer = "Bearer ";
   const std::string_view told = claims.authorization.starts_with(kBearer)

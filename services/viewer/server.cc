@@ -14,14 +14,14 @@
 #include <boost/asio/ssl/stream.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <boost/asio/write.hpp>
+#include <boost/beast/core/basic_stream.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
-#include <boost/beast/core/tcp_stream.hpp>
 #include <boost/beast/http.hpp>
 #include <boost/beast/websocket.hpp>
 #include <optional>
-#include <type_traits>
 #include <utility>  // before Boost 1.74, which lacks it
 
+#include "absl/cleanup/cleanup.h"
 #include "absl/strings/numbers.h"
 #include "lib/base/status.h"
 #include "services/viewer/into.h"
@@ -206,8 +206,15 @@ class BeastServer : public Server {
   }
 
   awaitable<void> Serve(tcp::socket socket) {
-    const std::shared_ptr<void> counted = connections_;
-    viewer_.metrics().connections.Set(static_cast<double>(CountConnections()));
+    std::shared_ptr<void> counted = connections_;
+    const auto report = [this] {
+      viewer_.metrics().connections.Set(static_cast<double>(CountConnections()));
+    };
+    const absl::Cleanup report_end = [&] {
+      counted.reset();
+      report();
+    };
+    report();
     error_code error;
     socket.set_option(tcp::no_delay(true), error);
     if (IsSecure()) {

@@ -76,6 +76,7 @@ const SurfaceLevels::Change* SurfaceLevels::FindChange(int level, TileKey key) c
 void SurfaceLevels::SetFinest(const TileTree& tiles, int64_t utime_ms) {
   const TileTree before = std::exchange(levels_[0].tiles, tiles);
   const bool continues = before.lineage() == tiles.lineage();
+  if (!continues) box_ = {};
   tiles.ForEachChanged(continues ? before.version() : 0,
                        [&](TileKey key, const TileTree::Entry& entry) {
                          const Tile* old = before.Find(key);
@@ -83,8 +84,6 @@ void SurfaceLevels::SetFinest(const TileTree& tiles, int64_t utime_ms) {
                          box_.Add(key);
                        });
   if (continues) return;
-  box_ = {};
-  tiles.ForEach([&](TileKey key, const TileTree::Entry&) { box_.Add(key); });
   before.ForEach([&](TileKey key, const TileTree::Entry&) {
     if (tiles.Find(key) == nullptr) SetChanged(0, key, utime_ms);
   });

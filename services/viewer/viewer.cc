@@ -176,11 +176,14 @@ absl::Status Viewer::Handle(Browser& browser, std::string_view message) {
   SPLINEMAP_RETURN_IF_ERROR(browser.view.Handle(message));
   // A layer that nobody looked at so far is taken up before the page is told that it has all.
   if (const auto& request = browser.view.request()) {
-    const bool is_new =
-        std::any_of(request->surfaces.begin(), request->surfaces.end(),
-                    [&](const std::string& name) { return !surfaces_.contains(name); });
+    const LayerSet set = map_->Layers();
+    const bool is_new = std::any_of(set.layers.begin(), set.layers.end(), [&](const auto& layer) {
+      const std::string key = KeyOf(layer.id);
+      return !surfaces_.contains(key) &&
+             std::count(request->surfaces.begin(), request->surfaces.end(), key) > 0;
+    });
     if (is_new) {
-      AdvanceSurfaces(map_->Layers(), *map_->View());
+      AdvanceSurfaces(set, *map_->View());
       Nudge();
     }
   }
