@@ -6,6 +6,19 @@
 #include "lib/base/status.h"
 
 namespace splinemap {
+namespace {
+
+bool HasEqualTiles(const LayerSnapshot& a, const LayerSnapshot& b) {
+  if (a.tiles.size() != b.tiles.size()) return false;
+  bool is_equal = true;
+  a.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    const Tile* other = b.tiles.Find(key);
+    is_equal = is_equal && other != nullptr && (other == entry.tile.get() || *other == *entry.tile);
+  });
+  return is_equal;
+}
+
+}  // namespace
 
 LayerSnapshot Merge(const LayerSnapshot& a, const LayerSnapshot& b, int64_t& conflicting_tiles) {
   if (a.session != b.session) return a.session < b.session ? b : a;
@@ -21,7 +34,12 @@ LayerSnapshot Merge(const LayerSnapshot& a, const LayerSnapshot& b, int64_t& con
     }
     tiles.Put(key, entry.tile, entry.revision);
   });
-  return {a.id, a.session, std::max(a.revision, b.revision), tiles.Freeze()};
+  LayerSnapshot merged{a.id, a.session, std::max(a.revision, b.revision), tiles.Freeze()};
+  // The scans of the one that has all of these tiles, if there is one, are what they are made of.
+  for (const LayerSnapshot* one : {&a, &b}) {
+    if (merged.archive == nullptr && HasEqualTiles(*one, merged)) merged.archive = one->archive;
+  }
+  return merged;
 }
 
 absl::StatusOr<std::vector<LayerUnion::Conflict>> LayerUnion::Add(const LayerSet& map) {

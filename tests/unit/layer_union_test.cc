@@ -12,6 +12,7 @@
 #include "lib/layers/layer_edits.h"
 #include "lib/map/flattened.h"
 #include "lib/map/summed_layers.h"
+#include "splinemap/scan_archive.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/placement.h"
 #include "tests/support/random_map.h"
@@ -297,6 +298,26 @@ TEST_F(LayerUnionTest, ContentsOfOneRevisionThatDifferAreCounted) {
   ASSERT_EQ(conflicts->size(), 1u);
   EXPECT_EQ(conflicts->front().conflicting_tiles, differ);
   EXPECT_EQ(conflicts->front().kept, conflicts->front().dropped);
+}
+
+// Of two files of one session the later has all scans.
+TEST_F(LayerUnionTest, TheScansOfTheOneThatHasAllTilesAreKept) {
+  const auto tile = std::make_shared<const Tile>(RandomTile(random_));
+  Layer layer(LayerId{"robot", 1}, {1, 1});
+  layer.RestoreTile({0, 0}, tile, 1);
+  LayerSnapshot before = layer.Snapshot();
+  layer.RestoreTile({1, 0}, tile, 2);
+  LayerSnapshot after = layer.Snapshot();
+  before.archive = std::make_shared<ScanArchive>();
+  after.archive = std::make_shared<ScanArchive>();
+  int64_t conflicts = 0;
+  EXPECT_EQ(Merge(before, after, conflicts).archive, after.archive);
+  EXPECT_EQ(Merge(after, before, conflicts).archive, after.archive);
+  Layer part(LayerId{"robot", 1}, {1, 1});
+  part.RestoreTile({2, 0}, tile, 2);
+  LayerSnapshot other = part.Snapshot();
+  other.archive = before.archive;
+  EXPECT_EQ(Merge(after, other, conflicts).archive, nullptr) << "neither has all";
 }
 
 TEST_F(LayerUnionTest, AMapWithoutALayerIsAsIfItHadNeverBeenAndItStaysAway) {
