@@ -73,7 +73,8 @@ Example:
   splinemap crop drive.splinemap lab.splinemap --region -5,-5,20,15
 
 Keeps the tiles, 32 x 32 knots each, that have a part of the region. The layers get another origin,
-so that they are others than those that they were cropped from.)";
+so that they are others than those that they were cropped from. They have no scans, and so cannot be
+corrected.)";
 
 }  // namespace
 

@@ -42,15 +42,11 @@ absl::Status RefoldLayer(LayerSnapshot& layer, EditOf edit_of, const MapOptions&
   }
   ProgressBar bar("making " + layer.id.name);
   const auto scans = static_cast<double>(std::max<int64_t>(archive->num_scans(), 1));
-  Fold fold(*archive, options);
-  SPLINEMAP_RETURN_IF_ERROR(fold.Continue(*archive, [&](int64_t done) {
-    bar.Show(static_cast<double>(done) / scans);
-    return false;
-  }));
-  LayerSnapshot made{
-      layer.id, {layer.session.number + 1, RandomId()}, layer.revision + 1, {}, archive};
-  made.tiles = WithRevisionsOf(layer.tiles, fold.Tiles(), made.revision);
-  layer = std::move(made);
+  const SessionId session{layer.session.number + 1, RandomId()};
+  SPLINEMAP_ASSIGN_OR_RETURN(layer, Refolded(layer, archive, options, session, [&](int64_t done) {
+                               bar.Show(static_cast<double>(done) / scans);
+                               return false;
+                             }));
   return absl::OkStatus();
 }
 

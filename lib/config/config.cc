@@ -152,6 +152,10 @@ std::string ScanFlagOf(const config::Scan& scan) {
 }
 
 absl::Status CheckConfig(const config::Config& config) {
+  if (config.service().forget_after_min() > 0 && config.service().max_archive_mb() == 0) {
+    return InvalidArgument(
+        "forget_after_min is set and max_archive_mb is 0; what is to be forgotten has to be kept");
+  }
   if (!config.frame().empty()) SPLINEMAP_RETURN_IF_ERROR(ParseFrame(config.frame()).status());
   const bool has_sensors = config.scan_size() > 0 || !config.pose().empty();
   if (!config.service().sensors() && has_sensors) {

@@ -1,23 +1,24 @@
 #include "lib/mapping/archive_edit.h"
 
 #include <algorithm>
-#include <cmath>
 #include <memory>
 #include <utility>
 
 #include "lib/base/status.h"
+#include "lib/mapping/fold.h"
 
 namespace splinemap {
 namespace {
 
-std::string ScansInBase(const ScanArchive& archive) {
-  return archive.base.scans > 0 ? fmt::format("the oldest {} scans", archive.base.scans)
-                                : "the oldest scans";
-}
-
-// Whether the base has nothing after `utime`, as far as one knows.
+// Whether the base has nothing from `utime` on. Where nobody knows how old it is, it is older than
+// the scans that were mapped onto it.
 bool BaseEndsBefore(const ScanArchive& archive, Utime utime) {
-  return archive.base.IsEmpty() || (archive.base.newest != Utime(0) && archive.base.newest < utime);
+  const ScanArchive::Base& base = archive.base;
+  if (base.IsEmpty()) return true;
+  if (base.newest != Utime(0)) return base.newest < utime;
+  Utime first = Utime::max();
+  archive.ForEachPose([&](const ScanPose& pose) { first = std::min(first, pose.utime); });
+  return utime >= first;
 }
 
 bool IsEarlier(const ScanPose& a, const ScanPose& b) { return a.utime < b.utime; }
@@ -120,10 +121,7 @@ std::shared_ptr<const PosedScan> ArchiveEdit::ApplyTo(const PosedScan& scan) con
 
 absl::StatusOr<ArchiveEdit> ForgetBefore(const ScanArchive& archive, Utime utime) {
   if (!BaseEndsBefore(archive, utime)) {
-    return FailedPrecondition(
-        "{} of the layer are not kept any more, and some of them may be later than that; "
-        "max_archive_mb says how many are kept",
-        ScansInBase(archive));
+    return FailedPrecondition("{} and some of them may be later than that", NotKept(archive));
   }
   ArchiveEdit edit;
   edit.is_kept = [utime](const ScanPose& pose) { return pose.utime >= utime; };
@@ -133,10 +131,7 @@ absl::StatusOr<ArchiveEdit> ForgetBefore(const ScanArchive& archive, Utime utime
 
 absl::StatusOr<ArchiveEdit> WindBackTo(const ScanArchive& archive, Utime utime) {
   if (!BaseEndsBefore(archive, std::min(utime, Utime::max() - Utime(1)) + Utime(1))) {
-    return FailedPrecondition(
-        "{} of the layer are not kept any more, so it cannot be wound back to then; "
-        "max_archive_mb says how many are kept",
-        ScansInBase(archive));
+    return FailedPrecondition("{} so it cannot be wound back to then", NotKept(archive));
   }
   ArchiveEdit edit;
   edit.is_kept = [utime](const ScanPose& pose) { return pose.utime <= utime; };
@@ -144,7 +139,6 @@ absl::StatusOr<ArchiveEdit> WindBackTo(const ScanArchive& archive, Utime utime) 
 }
 
 absl::Status CheckTrajectory(const Trajectory& trajectory) {
-  constexpr double kMax_m = FixedPose2::kMaxUnits / FixedPose2::kUnitsPerMetre;
   if (trajectory.poses.empty()) return InvalidArgument("a trajectory without a pose");
   for (size_t k = 0; k < trajectory.poses.size(); ++k) {
     const auto& [utime, pose] = trajectory.poses[k];
@@ -154,7 +148,7 @@ absl::Status CheckTrajectory(const Trajectory& trajectory) {
           "stamps have to increase",
           k, utime.count(), trajectory.poses[k - 1].utime.count());
     }
-    if (!std::isfinite(pose.yaw_rad) || !(pose.position_m.cwiseAbs().maxCoeff() <= kMax_m)) {
+    if (!FixedPose2::IsInRange(pose)) {
       return InvalidArgument("pose {} of the trajectory is not finite or too far out", k);
     }
   }
@@ -164,10 +158,8 @@ absl::Status CheckTrajectory(const Trajectory& trajectory) {
 absl::StatusOr<ArchiveEdit> CorrectBy(const ScanArchive& archive, const Trajectory& trajectory) {
   const Utime first = trajectory.poses.front().utime;
   if (!BaseEndsBefore(archive, first)) {
-    return FailedPrecondition(
-        "{} of the layer are not kept any more and cannot be moved, and some of them may be of "
-        "the time of the trajectory; max_archive_mb says how many are kept",
-        ScansInBase(archive));
+    return FailedPrecondition("{} and some of them may be of the time of the trajectory",
+                              NotKept(archive));
   }
   const Path path(archive);
   if (path.IsEmpty() || first > path.last() ||

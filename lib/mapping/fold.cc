@@ -20,14 +20,10 @@ Fold::Fold(const ScanArchive& archive, const MapOptions& options)
       layer_(LayerSnapshot{{}, {}, 0, archive.base.tiles}, {}),
       first_scan_(archive.scans_added() - archive.num_scans()) {}
 
-absl::Status Fold::Continue(const ScanArchive& archive,
-                            const std::function<bool(int64_t)>& is_cancelled) {
+absl::Status Fold::Continue(const ScanArchive& archive, const FoldProgress& is_cancelled) {
   const ScanArchive::Base& base = archive.base;
   if (!base.IsEmpty() && base.map_T_world != archive.map_T_world) {
-    return FailedPrecondition(
-        "{} of the layer are not kept any more, and cannot be placed anew; max_archive_mb says how "
-        "many are kept",
-        base.scans > 0 ? fmt::format("the oldest {} scans", base.scans) : "the oldest scans");
+    return FailedPrecondition("{} and cannot be placed anew", NotKept(archive));
   }
   absl::Status status;
   archive.ForEachAfter(first_scan_ + scans_,
@@ -55,6 +51,7 @@ void Shorten(ScanArchive& archive, size_t max_bytes, const MapOptions& options) 
     PlacedScan placed;
     for (const auto& scan : UnpackScans(*oldest)) {
       Place(*scan, base.map_T_world, placed);
+      if (!folder.Check(placed).ok()) continue;  // of a file: it cannot have been mapped
       folder.Fold(placed, oldest->model, layer);
       base.newest = std::max(base.newest, scan->utime);
     }
@@ -91,11 +88,19 @@ TileTree WithRevisionsOf(const TileTree& old, const TileTree& fresh, uint64_t re
 
 absl::StatusOr<LayerSnapshot> Refolded(const LayerSnapshot& layer,
                                        std::shared_ptr<const ScanArchive> archive,
-                                       const MapOptions& options, SessionId session) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const TileTree tiles, FoldArchive(*archive, options));
+                                       const MapOptions& options, SessionId session,
+                                       const FoldProgress& is_cancelled) {
+  Fold fold(*archive, options);
+  SPLINEMAP_RETURN_IF_ERROR(fold.Continue(*archive, is_cancelled));
   LayerSnapshot result{layer.id, session, layer.revision + 1, {}, std::move(archive)};
-  result.tiles = WithRevisionsOf(layer.tiles, tiles, result.revision);
+  result.tiles = WithRevisionsOf(layer.tiles, fold.Tiles(), result.revision);
   return result;
+}
+
+std::string NotKept(const ScanArchive& archive) {
+  const int64_t scans = archive.base.scans;
+  return fmt::format("{} of the layer are not kept any more (max_archive_mb),",
+                     scans > 0 ? fmt::format("the oldest {} scans", scans) : "the oldest scans");
 }
 
 }  // namespace splinemap

@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
@@ -10,6 +11,10 @@
 #include "splinemap/scan_archive.h"
 
 namespace splinemap {
+
+// Is told before each scan how many were folded; true ends the fold.
+using FoldProgress = std::function<bool(int64_t scans_folded)>;
+inline bool GoOn(int64_t) { return false; }
 
 // Folds archives: layer = fold(archive), the law of layers that keep their scans.
 //
@@ -21,13 +26,11 @@ class Fold {
   Fold(const ScanArchive& archive, const MapOptions& options);
 
   // Folds what `archive` has more than what was folded: it is the one that the fold began with,
-  // later, and has all of its scans that were not folded. `is_cancelled` is asked before each scan.
+  // later, and has all of its scans that were not folded.
   // FailedPrecondition where its base was mapped in another place than where the archive has to be
   // now: a base cannot be moved. InvalidArgument for a scan that cannot be folded with these
   // options. Cancelled.
-  absl::Status Continue(
-      const ScanArchive& archive, const std::function<bool(int64_t scans_folded)>& is_cancelled =
-                                      [](int64_t) { return false; });
+  absl::Status Continue(const ScanArchive& archive, const FoldProgress& is_cancelled = GoOn);
 
   int64_t scans_folded() const { return scans_; }
   TileTree Tiles() { return layer_.Snapshot().tiles; }
@@ -56,6 +59,10 @@ TileTree WithRevisionsOf(const TileTree& old, const TileTree& fresh, uint64_t re
 // The layer of another archive, in another session; its revision counts on.
 absl::StatusOr<LayerSnapshot> Refolded(const LayerSnapshot& layer,
                                        std::shared_ptr<const ScanArchive> archive,
-                                       const MapOptions& options, SessionId session);
+                                       const MapOptions& options, SessionId session,
+                                       const FoldProgress& is_cancelled = GoOn);
+
+// "the oldest 70 scans of the layer are not kept any more (max_archive_mb),", for errors.
+std::string NotKept(const ScanArchive& archive);
 
 }  // namespace splinemap

@@ -13,13 +13,14 @@ double ScanFolder::MaxCoordinate_m(const MapOptions& options) {
 }
 
 absl::Status ScanFolder::Check(const PlacedScan& scan) const {
-  if (const Eigen::Vector2d& p = scan.map_T_robot.position_m;
-      !(p.cwiseAbs().maxCoeff() <= MaxCoordinate_m(options_))) {
-    return InvalidArgument("a scan at ({}, {}) m; {:.0f} m is the most", p.x(), p.y(),
-                           MaxCoordinate_m(options_));
-  }
+  const double max_coordinate_m = MaxCoordinate_m(options_);
   const double max_range_m = kMaxReachKnots * options_.knot_interval_m;
   for (const PlacedBeam& beam : scan.beams) {
+    if (const Eigen::Vector2d& p = beam.origin_world_m;
+        !(p.cwiseAbs().maxCoeff() <= max_coordinate_m)) {
+      return InvalidArgument("a scan from ({}, {}) m; {:.0f} m is the most", p.x(), p.y(),
+                             max_coordinate_m);
+    }
     // Config says the same of range_max_m, up to rounding.
     if (beam.range_m > 1.001 * max_range_m) {
       return InvalidArgument("a beam of {:.1f} m; with knots {} m apart {:.1f} m are the most",

@@ -49,7 +49,7 @@ class BlockWriter {
     put_beams_.bind(1, archive_);
     put_beams_.bind(2, block);
     put_beams_.bind(3, content.data(), static_cast<int>(content.size()));
-    put_beams_.bind(4, Signed(ChecksumOfRow(content, {archive_, block, 0})));
+    put_beams_.bind(4, Signed(ChecksumOfRow(content, {archive_, block, ArchiveReader::kBeams})));
     put_beams_.exec();
     put_beams_.reset();
   }
@@ -57,7 +57,7 @@ class BlockWriter {
   void PutPoses(int64_t block, const std::string& content) {
     put_poses_.bind(1, archive_);
     put_poses_.bind(2, block);
-    put_poses_.bind(3, Signed(ChecksumOfRow(content, {archive_, block, 1})));
+    put_poses_.bind(3, Signed(ChecksumOfRow(content, {archive_, block, ArchiveReader::kPoses})));
     put_poses_.bind(4, content.data(), static_cast<int>(content.size()));
     put_poses_.exec();
     put_poses_.reset();
@@ -189,23 +189,13 @@ void DeleteOtherArchives(const std::vector<int64_t>& ids, SQLite::Database& data
   }
 }
 
-void ArchiveReader::HandleBeams(int64_t archive, int64_t block, uint64_t checksum,
+void ArchiveReader::HandleBlock(BlockPart part, int64_t archive, int64_t block, uint64_t checksum,
                                 std::string content) {
   Rows& rows = archives_[archive];
-  if (checksum != ChecksumOfRow(content, {archive, block, 0})) {
+  if (checksum != ChecksumOfRow(content, {archive, block, part})) {
     ++rows.damaged;
   } else {
-    rows.beams[block] = std::move(content);
-  }
-}
-
-void ArchiveReader::HandlePoses(int64_t archive, int64_t block, uint64_t checksum,
-                                std::string content) {
-  Rows& rows = archives_[archive];
-  if (checksum != ChecksumOfRow(content, {archive, block, 1})) {
-    ++rows.damaged;
-  } else {
-    rows.poses[block] = std::move(content);
+    rows.blocks[part][block] = std::move(content);
   }
 }
 
@@ -225,13 +215,13 @@ void ArchiveReader::HandleBaseTile(int64_t archive, int64_t tx, int64_t ty, uint
 void ArchiveReader::Read(SQLite::Database& database) {
   SQLite::Statement beams(database, "SELECT archive, block, content, checksum FROM scan_beams");
   while (beams.executeStep()) {
-    HandleBeams(beams.getColumn(0).getInt64(), beams.getColumn(1).getInt64(),
+    HandleBlock(kBeams, beams.getColumn(0).getInt64(), beams.getColumn(1).getInt64(),
                 static_cast<uint64_t>(beams.getColumn(3).getInt64()),
                 beams.getColumn(2).getString());
   }
   SQLite::Statement poses(database, "SELECT archive, block, checksum, content FROM scan_poses");
   while (poses.executeStep()) {
-    HandlePoses(poses.getColumn(0).getInt64(), poses.getColumn(1).getInt64(),
+    HandleBlock(kPoses, poses.getColumn(0).getInt64(), poses.getColumn(1).getInt64(),
                 static_cast<uint64_t>(poses.getColumn(2).getInt64()),
                 poses.getColumn(3).getString());
   }
@@ -254,15 +244,14 @@ ArchiveReader::Result ArchiveReader::Finish(const store::ArchiveRecord* record,
   }
   Rows rows;
   if (const auto found = archives_.find(record->id()); found != archives_.end()) {
-    rows.beams = found->second.beams;
-    rows.poses = found->second.poses;
+    rows.blocks = found->second.blocks;
     rows.base = TileTreeEditor(found->second.base.tree());
     rows.damaged = found->second.damaged;
   }
   result.saved.id = record->id();
-  for (auto& [number, beams] : rows.beams) {
-    const auto poses = rows.poses.find(number);
-    auto block = poses == rows.poses.end()
+  for (auto& [number, beams] : rows.blocks[kBeams]) {
+    const auto poses = rows.blocks[kPoses].find(number);
+    auto block = poses == rows.blocks[kPoses].end()
                      ? absl::StatusOr<std::shared_ptr<const ScanBlock>>(DataLoss("no poses"))
                      : BlockOf(std::move(poses->second), std::move(beams));
     if (!block.ok()) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -58,8 +59,8 @@ struct SavedArchive {
 // Writes what `archive` of a layer has other than `saved`, whose id it keeps, or else gets one
 // greater than `last_id` and all that the rows have; `record` becomes what tells of it.
 SavedArchive WriteArchive(const ScanArchive& archive, const TileTree& layer_tiles,
-                          const SavedArchive& saved, int64_t& last_id,
-                          store::ArchiveRecord& record, SQLite::Database& database);
+                          const SavedArchive& saved, int64_t& last_id, store::ArchiveRecord& record,
+                          SQLite::Database& database);
 // Deletes the rows of all archives but those with these ids.
 void DeleteOtherArchives(const std::vector<int64_t>& ids, SQLite::Database& database);
 
@@ -68,8 +69,10 @@ class ArchiveReader {
  public:
   explicit ArchiveReader(ControlLimits limits) : limits_(limits) {}
 
-  void HandleBeams(int64_t archive, int64_t block, uint64_t checksum, std::string content);
-  void HandlePoses(int64_t archive, int64_t block, uint64_t checksum, std::string content);
+  // What the two tables of blocks have.
+  enum BlockPart { kBeams, kPoses };
+  void HandleBlock(BlockPart part, int64_t archive, int64_t block, uint64_t checksum,
+                   std::string content);
   void HandleBaseTile(int64_t archive, int64_t tx, int64_t ty, uint64_t checksum,
                       const std::string& content);
   // All rows of a database.
@@ -86,7 +89,7 @@ class ArchiveReader {
 
  private:
   struct Rows {
-    std::map<int64_t, std::string> beams, poses;  // by the number of the block
+    std::array<std::map<int64_t, std::string>, 2> blocks;  // by BlockPart and number
     TileTreeEditor base;
     int64_t damaged = 0;
   };

@@ -646,10 +646,10 @@ absl::StatusOr<LoadedMap> ReadMapOfPages(const std::string& path) {
                          FromSql(columns[3].integer), FromSql(columns[4].integer),
                          std::string(columns[5].bytes)});
     } else if (HasForm(columns, kBeamsForm)) {
-      reader.archives().HandleBeams(columns[0].integer, columns[1].integer,
+      reader.archives().HandleBlock(ArchiveReader::kBeams, columns[0].integer, columns[1].integer,
                                     FromSql(columns[3].integer), std::string(columns[2].bytes));
     } else if (HasForm(columns, kPosesForm)) {
-      reader.archives().HandlePoses(columns[0].integer, columns[1].integer,
+      reader.archives().HandleBlock(ArchiveReader::kPoses, columns[0].integer, columns[1].integer,
                                     FromSql(columns[2].integer), std::string(columns[3].bytes));
     } else if (HasForm(columns, kBaseTileForm)) {
       reader.archives().HandleBaseTile(columns[0].integer, columns[1].integer, columns[2].integer,

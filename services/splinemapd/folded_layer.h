@@ -1,6 +1,5 @@
 #pragma once
 
-#include <functional>
 #include <utility>
 
 #include "lib/mapping/archive_edit.h"
@@ -32,7 +31,7 @@ class FoldedLayer {
     });
     scans_added_ = archive.scans_added();
   }
-  absl::Status Fold(const std::function<bool(int64_t)>& is_cancelled) {
+  absl::Status Fold(const FoldProgress& is_cancelled = GoOn) {
     return fold_.Continue(archive_, is_cancelled);
   }
   TileTree Tiles() { return fold_.Tiles(); }

@@ -121,8 +121,7 @@ void FoldingThread::ForgetWhatIsOld() {
   if (own.archive->num_scans() == 0) return;
   const Utime cutoff = newest - forget_after_;
   const ScanArchive::Base& base = own.archive->base;
-  // A base of before there were scans is older than all.
-  const bool base_is_old = !base.IsEmpty() && base.newest < cutoff;
+  const bool base_is_old = base.newest != Utime(0) && base.newest < cutoff;
   if (oldest >= cutoff && !base_is_old) return;
   FoldNow(fmt::format("made of the scans of the last {:g} min",
                       static_cast<double>(forget_after_.count()) / 60e6),
@@ -136,12 +135,14 @@ void FoldingThread::FoldNow(const std::string& what, const EditOf& edit_of, cons
   absl::StatusOr<std::string> result = absl::AbortedError("");
   for (int k = 0; k < kTries && absl::IsAborted(result.status()); ++k) result = TryFold(edit_of);
   if (result.ok()) {
+    notices_.Forget("fold");  // each is said
     notices_.Report(
         {.is_problem = false,
          .subject = "fold",
          .text = fmt::format(
-             "the layer was {}: {}, in {} ms", what, *result,
-             std::chrono::duration_cast<std::chrono::milliseconds>(Clock::now() - begin).count())});
+             "the layer was {} in {} ms: {}", what,
+             std::chrono::duration_cast<std::chrono::milliseconds>(Clock::now() - begin).count(),
+             *result)});
   } else if (!absl::IsCancelled(result.status())) {
     notices_.Report(
         {.subject = "fold",

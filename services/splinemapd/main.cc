@@ -67,8 +67,9 @@ void AddFlags(CLI::App& app, Flags& flags) {
                  "for several (default: nobody, or all with --no-sensors)")
       ->type_name("NAME")
       ->allow_extra_args(false);
-  app.add_flag("--no-remote-commands", flags.no_remote_commands,
-               "Take neither commands (save, clear) nor settings about layers from the bus");
+  app.add_flag(
+      "--no-remote-commands", flags.no_remote_commands,
+      "Take no commands (save, clear), settings about layers and trajectories from the bus");
   app.add_option("--forget-after", flags.forget_after_min,
                  "The map is that of the scans of the last minutes (default 0: of all)")
       ->type_name("MINUTES")

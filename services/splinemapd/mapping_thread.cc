@@ -127,11 +127,11 @@ absl::StatusOr<std::string> MappingThread::TakeOverNow(FoldedLayer& layer) {
   LayerSnapshot own = mapper_.Snapshot();
   if (layer.session() != own.session) return absl::AbortedError("another session began");
   layer.Append(*own.archive);
-  SPLINEMAP_RETURN_IF_ERROR(layer.Fold([](int64_t) { return false; }));
+  SPLINEMAP_RETURN_IF_ERROR(layer.Fold());
   const TileTree tiles = layer.Tiles();
   const size_t changed = DifferentTiles(own.tiles, tiles).size();
-  std::string text = fmt::format("{} tiles changed; {} tiles of {} scans", changed, tiles.size(),
-                                 layer.archive().num_scans());
+  std::string text = fmt::format("{} tiles changed; it has {} tiles of {} scans", changed,
+                                 tiles.size(), layer.archive().num_scans());
   if (changed > 0) {
     own.session.number += 1;
     own.revision += 1;

@@ -132,8 +132,10 @@ TEST(ForgetBeforeTest, LeavesTheScansSince) {
   archive.base = {tiles.Freeze(), {}, 70, seconds(2)};
   EXPECT_TRUE(ForgetBefore(archive, seconds(3))->Apply(archive).base.IsEmpty());
   EXPECT_TRUE(absl::IsFailedPrecondition(ForgetBefore(archive, seconds(2)).status()));
-  archive.base.newest = Utime(0);  // nobody knows how old it is
-  EXPECT_FALSE(ForgetBefore(archive, seconds(3)).ok());
+  // Nobody knows how old it is, but that the scans of 0 s and later came after it.
+  archive.base.newest = Utime(0);
+  EXPECT_TRUE(ForgetBefore(archive, seconds(0))->Apply(archive).base.IsEmpty());
+  EXPECT_FALSE(ForgetBefore(archive, Utime(-1)).ok());
 }
 
 TEST(WindBackToTest, LeavesTheScansBefore) {

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <numbers>
 
 #include "lib/config/checked_text.h"
 #include "tests/support/temporary_directory.h"
@@ -121,6 +122,32 @@ TEST(CheckConfigTest, MasksAreRangesOfDegrees) {
     EXPECT_FALSE(CheckConfig(config).ok()) << mask;
     config.mutable_scan(0)->set_mask(0, "-180..179");
     EXPECT_TRUE(CheckConfig(config).ok());
+  }
+}
+
+TEST(CheckConfigTest, WhatIsToBeForgottenHasToBeKept) {
+  config::Config config;
+  config.set_pose("POSE");
+  config.add_scan()->set_channel("LASER");
+  config.mutable_service()->set_forget_after_min(5);
+  EXPECT_TRUE(CheckConfig(config).ok());
+  config.mutable_service()->set_max_archive_mb(0);
+  EXPECT_TRUE(absl::IsInvalidArgument(CheckConfig(config)));
+}
+
+TEST(CheckConfigTest, AFrameIsThreeNumbers) {
+  config::Config config;
+  config.set_pose("POSE");
+  config.add_scan()->set_channel("LASER");
+  config.set_frame("2.5,-1,90");
+  ASSERT_TRUE(CheckConfig(config).ok());
+  const Pose2 frame = FrameOf(config).ToPose();
+  EXPECT_NEAR(frame.position_m.x(), 2.5, 1e-6);
+  EXPECT_NEAR(frame.position_m.y(), -1, 1e-6);
+  EXPECT_NEAR(frame.yaw_rad, std::numbers::pi / 2, 1e-9);
+  for (const char* bad : {"1,2", "1,2,3,4", "a,2,3", "nan,0,0", "0,1e9,0", "0,0,400", " "}) {
+    config.set_frame(bad);
+    EXPECT_FALSE(CheckConfig(config).ok()) << bad;
   }
 }
 

@@ -225,6 +225,16 @@ TEST(FoldTest, ScansThatReachTooFarForTheKnotsAreRefused) {
   EXPECT_TRUE(absl::IsInvalidArgument(FoldArchive(archive, fine).status()));
 }
 
+TEST(FoldTest, ScansFromBeyondTheKnotsAreRefused) {
+  auto scan = std::make_shared<PosedScan>(*RandomScans(1, 13)[0]);
+  for (FixedPose2& pose : scan->robot_T_sensor) pose.x = FixedPose2::kMaxUnits;
+  EXPECT_TRUE(absl::IsInvalidArgument(FoldArchive(ArchiveOf({scan}), {}).status()));
+  ScanArchive shortened = ArchiveOf({scan});
+  Shorten(shortened, 0, {});
+  EXPECT_EQ(shortened.num_scans(), 0);
+  EXPECT_EQ(shortened.base.tiles.size(), 0u);
+}
+
 TEST(FoldTest, OfAnotherFoldOnlyWhatDiffersHasANewRevision) {
   const ScanArchive archive = ArchiveOf(RandomScans(100, 12));
   LayerSnapshot layer{{"robot", 1}, {1, 1}, 100, FoldOf(archive), {}};
