@@ -264,6 +264,7 @@ TEST_F(DaemonTest, ALayerThatSomebodyRemovedGoesOnEmpty) {
   Drive(10, 100'000);
   ASSERT_TRUE(daemon_->Stop().ok());
   EXPECT_GT(ViewOf(*SavedMap())->tiles.size(), 0u);
+  EXPECT_EQ(SavedMap()->layers[0].archive->num_scans(), 10) << "those before are gone, too";
 }
 
 TEST_F(DaemonTest, WithoutRemoteCommandsNoSettingIsTakenFromTheBus) {
@@ -480,6 +481,18 @@ TEST_F(DaemonTest, AMapThatIsPlacedAndPlacedBackIsAsBefore) {
   Start();  // a file in another frame is made anew
   ASSERT_TRUE(daemon_->Stop().ok());
   EXPECT_EQ(DifferentTiles(SavedMap()->layers[0].tiles, turned).size(), 0u);
+}
+
+TEST_F(DaemonTest, AFrameIsKeptInTheFileOfAMapThatIsEmpty) {
+  config_.set_frame("1,0,90");
+  const FixedPose2 frame = FrameOf(config_);
+  Start();
+  ASSERT_TRUE(daemon_->Stop().ok());
+  daemon_.reset();
+  config_.clear_frame();
+  Start();
+  ASSERT_TRUE(daemon_->Stop().ok());
+  EXPECT_EQ(SavedMap()->layers[0].archive->map_T_world, frame);
 }
 
 TEST_F(DaemonTest, WhatIsForgottenWasNeverSeen) {

@@ -102,6 +102,27 @@ TEST_F(MapFileArchiveTest, HasTheScansAndTheBaseOfEachSaveWhateverChanged) {
   }
 }
 
+TEST_F(MapFileArchiveTest, LayersThatBeginWithoutScansKeepTheirsApart) {
+  map_.AddLayer({"robot", 1}, {1, 7});
+  map_.AddLayer({"other", 2}, {1, 8});
+  ScanArchive other;
+  const auto set = [&] {
+    LayerSet layers = Set();
+    layers.layers[1].archive = std::make_shared<ScanArchive>(other);
+    return layers;
+  };
+  auto file = MapFile::Open(path_);
+  ASSERT_TRUE(file->Save(set())->empty());
+  AddScans(5);
+  ASSERT_TRUE(file->Save(set())->empty());
+  other.Add(ScanAt(12'340), {});
+  ASSERT_TRUE(file->Save(set())->empty());
+  const auto loaded = ReadMapFile(path_);
+  EXPECT_TRUE(loaded->corruption.empty());
+  EXPECT_EQ(ScansIn(loaded->set).size(), 5u);
+  EXPECT_EQ(loaded->set.layers[1].archive->num_scans(), 1);
+}
+
 TEST_F(MapFileArchiveTest, WhatIsSavedAlreadyIsNotWrittenAgain) {
   map_.AddLayer({"robot", 1}, {1, 7});
   AddScans(2000);

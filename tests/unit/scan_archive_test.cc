@@ -177,6 +177,19 @@ TEST(ScanArchiveTest, DamagedBytesAreRefusedOrGiveScansThatCanBe) {
   EXPECT_FALSE(BlockOf("", "").ok());
 }
 
+TEST(ScanArchiveTest, PosesAndTimesThatCannotBeAreRefused) {
+  const auto block = ArchiveOf(RandomScans(3, 14)).Blocks().front();
+  std::vector<ScanPose> poses = UnpackPoses(*block);
+  EXPECT_TRUE(BlockOf(WithPoses(*block, poses)->poses, *block->beams).ok());
+  poses[1].world_T_robot.x = FixedPose2::kMaxUnits + 1;
+  EXPECT_FALSE(BlockOf(WithPoses(*block, poses)->poses, *block->beams).ok());
+  poses[1].world_T_robot.x = 0;
+  poses[2].utime = Utime(int64_t{1} << 61);
+  EXPECT_FALSE(BlockOf(WithPoses(*block, poses)->poses, *block->beams).ok());
+  poses.pop_back();  // one less than scans
+  EXPECT_FALSE(BlockOf(WithPoses(*block, poses)->poses, *block->beams).ok());
+}
+
 TEST(FoldTest, ShortenedArchivesFoldToTheSameBytes) {
   const ScanArchive archive = ArchiveOf(RandomScans(900, 7));
   ScanArchive shortened = archive;
