@@ -20,6 +20,7 @@ inline constexpr int kUsage = 2;
 using Command = std::function<absl::StatusOr<int>()>;
 
 // Each adds one subcommand, which sets `chosen` when it is on the command line.
+void AddAlign(CLI::App& app, Command& chosen);
 void AddBackup(CLI::App& app, Command& chosen);
 void AddBridge(CLI::App& app, Command& chosen);
 void AddBuild(CLI::App& app, Command& chosen);

@@ -86,6 +86,7 @@ int Main(int argc, char** argv) {
   AddDistance(app, chosen);
   AddRaster(app, chosen);
   AddDiff(app, chosen);
+  AddAlign(app, chosen);
   AddLayers(app, chosen);
   AddLayer(app, chosen);
   AddMerge(app, chosen);

@@ -22,13 +22,13 @@ using Eigen::Vector2d;
 constexpr double kDegree = std::numbers::pi / 180;
 
 // Knot intervals, unless options say otherwise.
-constexpr double kLeastScore = 200;
+constexpr double kLeastScore = 300;
 // Share of all that agrees or contradicts.
-constexpr double kMostContradicted = 0.25;
+constexpr double kMostContradicted = 0.2;
 // Knot intervals of wall that have to hold the maps in each direction.
-constexpr double kLeastHold = 40;
+constexpr double kLeastHold = 50;
 // Of the best score: a place that has more fits as well.
-constexpr double kAlike = 0.7;
+constexpr double kAlike = 0.6;
 // Poses that are closer are one place: knot intervals, radians.
 constexpr double kOtherPlace = 10;
 constexpr double kOtherHeading_rad = 5 * kDegree;

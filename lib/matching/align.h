@@ -11,7 +11,7 @@ namespace splinemap {
 
 struct AlignOptions {
   // How many metres of wall have to agree, after twice those that contradict were taken off.
-  // 0: 200 of the wider knot interval, 10 m at 0.05 m.
+  // 0: 300 of the wider knot interval, 15 m at 0.05 m.
   double min_score_m = 0;
 };
 

@@ -182,11 +182,6 @@ std::vector<Gap> GapsToSurfaces(const MapPair& pair, const Pose2& a_T_b) {
 
 }  // namespace
 
-Pose2 Inverse(const Pose2& pose) {
-  const Placement turn({Vector2d::Zero(), -pose.yaw_rad});
-  return {-turn.Rotate(pose.position_m), -pose.yaw_rad};
-}
-
 Agreement Compare(const MapPair& pair, const Pose2& a_T_b, size_t most) {
   const Agreement of_a = CompareOneWay(pair.b, pair.a, Inverse(a_T_b), pair.scale, most);
   const Agreement of_b = CompareOneWay(pair.a, pair.b, a_T_b, pair.scale, most);
@@ -227,8 +222,8 @@ SurfaceFit FitSurfaces(const MapPair& pair, const Pose2& a_T_b) {
   const NormalEquations equations(GapsToSurfaces(pair, fit.a_T_b));
   if (equations.weight == 0) return fit;
   fit.residual_m = std::sqrt(equations.squares / equations.weight);
-  // Both maps measure each wall, and so all of it was counted twice.
-  const double independent = 1 / (2 * pair.scale.Reach());
+  // Each wall was counted in both maps.
+  const double independent = 1 / (2 * 3 * pair.scale.Reach());
   const Matrix3d information =
       independent *
       (equations.hessian + Matrix3d(Vector3d::Constant(kDamping * equations.weight).asDiagonal()));

@@ -34,8 +34,6 @@ struct MapPair {
   MatchScale scale;
 };
 
-Pose2 Inverse(const Pose2& pose);
-
 // Looks at some `most` points of each map.
 Agreement Compare(const MapPair& pair, const Pose2& a_T_b, size_t most);
 
@@ -47,8 +45,8 @@ Pose2 Pull(const MapPair& pair, const Pose2& a_T_b, size_t most);
 struct SurfaceFit {
   Pose2 a_T_b;
   double residual_m = 0;  // root of their mean square
-  // Of x_m, y_m and yaw_rad of a_T_b. Distances along MatchScale::Reach() of wall count as one,
-  // since they err alike.
+  // Of x_m, y_m and yaw_rad of a_T_b. Distances along three times MatchScale::Reach() of wall count
+  // as one, since they err alike: maps are warped.
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
 };
 // Begins from within a knot interval. Where too little is near, all stays as it was.
