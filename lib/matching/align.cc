@@ -28,7 +28,7 @@ constexpr double kMostContradicted = 0.2;
 // Knot intervals of wall that have to hold the maps in each direction.
 constexpr double kLeastHold = 50;
 // Of the best score: a place that has more fits as well.
-constexpr double kAlike = 0.6;
+constexpr double kAlike = 0.7;
 // Poses that are closer are one place: knot intervals, radians.
 constexpr double kOtherPlace = 10;
 constexpr double kOtherHeading_rad = 5 * kDegree;

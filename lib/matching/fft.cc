@@ -104,7 +104,7 @@ void Butterflies4(const Stage& stage, const Complex& w1, const Complex& w2, cons
 }  // namespace
 
 int GridFft::SizeFor(int cells) {
-  int size = 16;
+  int size = 2 * kLanes;
   while (size < cells) {
     if (size / 2 * 3 >= cells) return size / 2 * 3;
     size *= 2;

@@ -32,7 +32,7 @@ class GridFft {
   // Requires sizes that SizeFor() gives.
   GridFft(int width, int height);
 
-  // The least size of `cells` or more that is transformed: 2^n or 3 * 2^n.
+  // The least size of `cells` or more that is transformed: 2^n or 3 * 2^n, from 32 on.
   static int SizeFor(int cells);
 
   // In place. Inverse() is not scaled: after both, all is width * height times what it was.

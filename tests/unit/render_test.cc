@@ -2,8 +2,11 @@
 #include <png.h>
 
 #include <algorithm>
+#include <numbers>
+#include <string>
 #include <vector>
 
+#include "lib/render/overlay.h"
 #include "lib/render/raster.h"
 #include "lib/render/terminal.h"
 #include "tests/support/map_writer.h"
@@ -115,6 +118,49 @@ TEST(TerminalTest, StaysWithinTheWindow) {
     EXPECT_LE(std::count(text.begin(), text.end(), '\n'), 12);
     EXPECT_LE(text.find('\n'), 40u);
   }
+}
+
+TEST(OverlayTest, ShowsWhatEachMapHasWhereItLies) {
+  const auto room = Room();
+  // The room turned about its corner: b's knot (5, 3) lies at (-3, 5) of a.
+  const Pose2 a_T_b{{0, 0}, std::numbers::pi / 2};
+  const auto grid = GridAroundBoth(*room, *room, a_T_b, 1000);
+  ASSERT_TRUE(grid.ok());
+  EXPECT_NEAR(grid->left_m, -0.65, 0.02);
+  EXPECT_NEAR(grid->top_m, 1.05, 0.02);
+  const Overlay overlay = RenderBoth(*room, *room, a_T_b, *grid);
+  const auto at = [&](double x_m, double y_m) {
+    const auto column = static_cast<size_t>((x_m - grid->left_m) / grid->pixel_m);
+    const auto row = static_cast<size_t>((grid->top_m - y_m) / grid->pixel_m);
+    return overlay.pixels[row * grid->width + column];
+  };
+  EXPECT_EQ(at(0.5, 0.3), Overlay::kObstacleInA);
+  EXPECT_EQ(at(-0.3, 0.5), Overlay::kObstacleInB);
+  EXPECT_EQ(at(0.8, -0.1), Overlay::kFreeInA);
+  EXPECT_EQ(at(-0.2, 0.9), Overlay::kFreeInB);
+  EXPECT_EQ(at(0, 0), Overlay::kFree);
+  EXPECT_EQ(at(0.8, 0.9), Overlay::kUnknown);
+  const Overlay same = RenderBoth(*room, *room, {}, *FittingGrid(*room, 2));
+  EXPECT_GT(std::count(same.pixels.begin(), same.pixels.end(), Overlay::kObstacle), 50);
+  EXPECT_FALSE(GridAroundBoth(*room, MapView(), a_T_b, 1000).ok());
+}
+
+TEST(OverlayTest, IsWrittenAsAPicture) {
+  const TemporaryDirectory folder;
+  const Overlay overlay = RenderBoth(*Room(), *Room(), {}, *FittingGrid(*Room(), 2));
+  const std::string path = folder.path() + "/both.png";
+  auto file = NewFile::Create(path);
+  ASSERT_TRUE(file.ok());
+  ASSERT_TRUE(WritePng(overlay, *file).ok());
+  ASSERT_TRUE(file->Commit().ok());
+  png_image image{};
+  image.version = PNG_IMAGE_VERSION;
+  ASSERT_NE(png_image_begin_read_from_file(&image, path.c_str()), 0);
+  image.format = PNG_FORMAT_RGB;
+  std::vector<Overlay::Colour> pixels(overlay.pixels.size());
+  ASSERT_EQ(PNG_IMAGE_SIZE(image), 3 * pixels.size());
+  png_image_finish_read(&image, nullptr, pixels.data(), 0, nullptr);
+  EXPECT_EQ(pixels, overlay.pixels);
 }
 
 }  // namespace splinemap::render_test
