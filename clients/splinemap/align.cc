@@ -10,11 +10,10 @@
 #include <string>
 #include <vector>
 
-#include "clients/splinemap/bus_flags.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
-#include "clients/splinemap/follow.h"
 #include "clients/splinemap/layer_name.h"
+#include "clients/splinemap/map_source.h"
 #include "clients/splinemap/print.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
@@ -28,9 +27,7 @@ namespace {
 constexpr double kDegree_rad = std::numbers::pi / 180;
 
 struct AlignFlags {
-  std::vector<std::string> arguments;  // two maps, or a map (unless live) and two layers
-  bool live = false;
-  BusFlags bus;
+  MapSourceFlags source;  // and another map, or two layers
   AlignOptions options;
   Output picture;
   bool json = false;
@@ -62,34 +59,26 @@ absl::StatusOr<AlignedMap> LayerOf(const LayerSet& set, const std::string& text,
   return AlignedMap{text, ViewOf(alone)};
 }
 
-absl::StatusOr<AlignedMaps> TwoLayers(const LayerSet& set, const std::string& a,
-                                      const std::string& b, const std::string& where,
-                                      int exit_status) {
-  SPLINEMAP_ASSIGN_OR_RETURN(AlignedMap layer_a, LayerOf(set, a, where));
-  SPLINEMAP_ASSIGN_OR_RETURN(AlignedMap layer_b, LayerOf(set, b, where));
-  return AlignedMaps{std::move(layer_a), std::move(layer_b), exit_status};
-}
-
-absl::StatusOr<AlignedMaps> OpenMaps(const AlignFlags& flags) {
-  const std::vector<std::string>& words = flags.arguments;
-  if (flags.live) {
-    if (words.size() != 2) return InvalidArgument("give two layers after --live");
-    FollowOptions options;
-    for (const std::string& word : words) options.names.push_back(word.substr(0, word.find('@')));
-    SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, FollowUntilCaughtUp(flags.bus, options));
-    return TwoLayers(replica->SyncedLayers(), words[0], words[1], "the bus",
-                     ReportRefused(*replica));
+absl::StatusOr<AlignedMaps> OpenMaps(const MapSourceFlags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto words, ArgumentsAfterMap(flags));
+  if (words.size() != 2 && (flags.live || words.size() != 1)) {
+    return InvalidArgument(
+        "give two map files, or two layers after a map file or --live; there are {} after it",
+        words.size());
   }
-  if (words.size() != 2 && words.size() != 3) {
-    return InvalidArgument("give two map files, or one and two of its layers");
+  SPLINEMAP_ASSIGN_OR_RETURN(MapViewSource first, OpenMapView(flags));
+  AlignedMaps maps{{}, {}, first.exit_status};
+  if (words.size() == 2) {
+    const std::string where = flags.live ? "the bus" : flags.arguments.front();
+    SPLINEMAP_ASSIGN_OR_RETURN(maps.a, LayerOf(first.layers, words[0], where));
+    SPLINEMAP_ASSIGN_OR_RETURN(maps.b, LayerOf(first.layers, words[1], where));
+    return maps;
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap first, ReadMapFile(words[0]));
-  const int of_first = ReportCorruption(first);
-  if (words.size() == 3) return TwoLayers(first.set, words[1], words[2], words[0], of_first);
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap second, ReadMapFile(words[1]));
-  return AlignedMaps{{words[0], ViewOf(first.set)},
-                     {words[1], ViewOf(second.set)},
-                     std::max(of_first, ReportCorruption(second))};
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap second, ReadMapFile(words[0]));
+  maps.a = {flags.arguments.front(), std::move(first.map)};
+  maps.b = {words[0], ViewOf(second.set)};
+  maps.exit_status = std::max(maps.exit_status, ReportCorruption(second));
+  return maps;
 }
 
 nlohmann::json JsonOf(const Pose2& pose) {
@@ -160,10 +149,9 @@ absl::StatusOr<int> AlignMaps(const AlignFlags& flags) {
     if (!flags.picture.path.ends_with(".png")) {
       return InvalidArgument("{} does not end in .png", flags.picture.path);
     }
-    SPLINEMAP_RETURN_IF_ERROR(
-        CheckOutput(flags.picture, flags.live ? std::vector<std::string>() : flags.arguments));
+    SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.picture, flags.source.arguments));
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(const AlignedMaps maps, OpenMaps(flags));
+  SPLINEMAP_ASSIGN_OR_RETURN(const AlignedMaps maps, OpenMaps(flags.source));
   SPLINEMAP_ASSIGN_OR_RETURN(const Alignment found,
                              Align(*maps.a.view, *maps.b.view, flags.options));
   if (flags.json) {
@@ -188,26 +176,20 @@ Finds how B lies in the frame of A, without a guess, by the walls that both have
 space of each in which the other has none. Prints the transform that takes points of B to A: turn by
 yaw, counter-clockwise, then shift by x and y; how sure that is; and the next best place. The maps
 may have different knot intervals. Layers are taken as they are placed in the map, also if they are
-muted. Refuses rather than guesses: where too little agrees, too much contradicts, the maps can
-slide as in a corridor, or two places fit alike as in a symmetric room. Buildings whose floors or
-rooms are alike can deceive it: look at the --picture.
+muted. --at is about the first map alone.
+Refuses rather than guesses: where too little agrees, too much contradicts, the maps can slide as in
+a corridor, or two places fit alike as in a symmetric room. Floors or rooms that are built alike can
+deceive it; --picture shows what it found.
 Exit status: 0 found; 1 refused, with the reason and the figures, or failed; 2 usage.)";
 
 }  // namespace
 
 void AddAlign(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<AlignFlags>();
-  flags->bus.timeout_s = kCatchUpTimeout_s;
   CLI::App* command =
       app.add_subcommand("align", "Find how two maps that overlap lie to each other");
   command->footer(kAlignExamples);
-  command->add_option(
-      "A B", flags->arguments,
-      "Two map files; or a map file and two of its layers; or --live and two layers");
-  CLI::Option* const live =
-      command->add_flag("--live", flags->live, "Align layers of the daemons on an LCM bus");
-  AddBusFlags(*command, flags->bus, live);
-  AddTimeoutFlag(*command, flags->bus, live);
+  AddMapViewSource(*command, "A B", "another one, or two layers", flags->source);
   AddJsonFlag(*command, flags->json);
   command
       ->add_option("--min-wall", flags->options.min_score_m,

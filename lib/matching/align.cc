@@ -209,6 +209,8 @@ absl::StatusOr<Alignment> Align(const MapView& a, const MapView& b, const AlignO
                                     : MapPair{a, b, sketch_a, sketch_b, scale};
   SPLINEMAP_ASSIGN_OR_RETURN(Match match, FindMatch(pair));
   if (is_exchanged) match = Inverted(match);
+  Eigen::Matrix3d& covariance = match.alignment.covariance;
+  covariance = ((covariance + covariance.transpose()) / 2).eval();  // to the last bit
   const double least_score_m =
       options.min_score_m > 0 ? options.min_score_m : kLeastScore * scale.knot_m;
   SPLINEMAP_RETURN_IF_ERROR(Judge(match, least_score_m, scale.knot_m));

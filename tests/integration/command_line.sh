@@ -347,10 +347,10 @@ for command in "${commands[@]}" "${settings[@]}" "bridge occupancy-grid"; do
     expect_text "  --force                     Replace a file that exists" out
   fi
 done
-[[ ${live[*]} == "render export query ray check distance raster layers correct ${settings[*]}" ]] ||
+[[ ${live[*]} == "render export query ray check distance raster align layers correct ${settings[*]}" ]] ||
   fail "take --live: ${live[*]}"
-[[ ${json[*]} == "info query ray check distance diff layers changes verify doctor watch" ]] || fail "print JSON: ${json[*]}"
-[[ ${force[*]} == "build render export raster merge flatten changes fold forget correct backup crop snapshot simulate import-carmen import-ros prefix-channels ${settings[*]}" ]] ||
+[[ ${json[*]} == "info query ray check distance diff align layers changes verify doctor watch" ]] || fail "print JSON: ${json[*]}"
+[[ ${force[*]} == "build render export raster align merge flatten changes fold forget correct backup crop snapshot simulate import-carmen import-ros prefix-channels ${settings[*]}" ]] ||
   fail "write files: ${force[*]}"
 expect 2 splinemap control mute robot
 expect 2 splinemap remove room.splinemap robot -o x.splinemap
