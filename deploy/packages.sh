@@ -18,7 +18,7 @@ TEST_PACKAGES=(
 command -v npm > /dev/null || TEST_PACKAGES+=(npm)
 FUZZ_PACKAGES=(clang libclang-rt-14-dev)
 BENCH_PACKAGES=(
-  libbenchmark-dev libmrpt-maps-dev liboctomap-dev libdynamicedt3d-dev libopencv-imgproc-dev
+  libbenchmark-dev libmrpt-maps-dev liboctomap-dev libdynamicedt3d-dev libopencv-imgproc-dev libopencv-stitching-dev
   python3 python3-matplotlib
 )
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 #include <limits>
 #include <numbers>
 #include <tuple>
@@ -185,6 +186,8 @@ class PoseSearch {
   std::vector<Pose2> Run();
 
  private:
+  using Complex = std::complex<float>;
+
   // Two headings at once: the correlation of the first is real, that of the second imaginary.
   static constexpr int kAtOnce = 2;
 
@@ -193,7 +196,7 @@ class PoseSearch {
   void DrawA();
   void DrawB(int heading, ComplexGrid& walls, ComplexGrid& behind_and_open) const;
   void Correlate(int heading);
-  void AddPeaks(int heading, const std::vector<float>& scores);
+  void AddPeaks(int heading);
   void KeepBestPeaks(size_t most);
   Pose2 PoseOf(const Peak& peak) const;
 
@@ -213,6 +216,7 @@ class PoseSearch {
   std::array<ComplexGrid, kAtOnce> walls_b_;
   std::array<ComplexGrid, kAtOnce> behind_and_open_b_;
   ComplexGrid product_;
+  std::vector<float> scores_;  // metres, of one heading
   std::vector<Peak> peaks_;
   float least_m_ = 0;  // lower peaks are none
 };
@@ -228,13 +232,13 @@ PoseSearch::PoseSearch(MarkedMap a, MarkedMap b, double cell_m, double radius_m,
       headings_(kAtOnce * static_cast<int>(std::ceil(std::numbers::pi / kHeadingStep *
                                                      std::max(radius_m / cell_m, 1.0)))),
       cells_(width, height),
-      fft_(width, height),
       walls_a_(width, height),
       open_a_(width, height),
       behind_a_(width, height),
       walls_b_{ComplexGrid(width, height), ComplexGrid(width, height)},
       behind_and_open_b_{ComplexGrid(width, height), ComplexGrid(width, height)},
-      product_(width, height) {
+      product_(width, height),
+      scores_(product_.cells.size()) {
   DrawA();
 }
 
@@ -243,7 +247,7 @@ void PoseSearch::DrawA() {
   // better.
   constexpr double kFade = 1.5;
   constexpr double kFull = 0.3;
-  std::vector<float> weights(walls_a_.re.size());
+  std::vector<float> weights(walls_a_.cells.size());
   for (const Mark& mark : a_.walls) {
     const Vector2d p = CellsInA(mark.point_m);
     const auto x = static_cast<int>(FloorToInt(p.x()));
@@ -254,25 +258,23 @@ void PoseSearch::DrawA() {
         if (share <= 0) continue;
         const size_t index = cells_.Index(u, v);
         weights[index] += static_cast<float>(share * mark.amount);
-        walls_a_.re[index] += static_cast<float>(share * mark.doubled.x());
-        walls_a_.im[index] += static_cast<float>(share * mark.doubled.y());
+        walls_a_.cells[index] += Complex(static_cast<float>(share * mark.doubled.x()),
+                                         static_cast<float>(share * mark.doubled.y()));
       }
     }
   }
   for (size_t k = 0; k < weights.size(); ++k) {
-    const float scale = 1 / std::max(weights[k], static_cast<float>(kFull * cell_m_));
-    walls_a_.re[k] *= scale;
-    walls_a_.im[k] *= scale;
+    walls_a_.cells[k] /= std::max(weights[k], static_cast<float>(kFull * cell_m_));
   }
   for (const Mark& mark : a_.open) {
     const auto share_of_cell = static_cast<float>(mark.amount / (cell_m_ * cell_m_));
     cells_.Share(CellsInA(mark.point_m),
-                 [&](size_t k, float share) { open_a_.re[k] += share * share_of_cell; });
+                 [&](size_t k, float share) { open_a_.cells[k] += share * share_of_cell; });
   }
   for (const Mark& mark : a_.behind) {
     const auto length_m = static_cast<float>(mark.amount);
     cells_.Share(CellsInA(mark.point_m),
-                 [&](size_t k, float share) { behind_a_.re[k] += share * length_m; });
+                 [&](size_t k, float share) { behind_a_.cells[k] += share * length_m; });
   }
   fft_.Forward(walls_a_);
   fft_.Forward(open_a_);
@@ -281,8 +283,8 @@ void PoseSearch::DrawA() {
 
 // The middle of b lies in cell (0, 0).
 void PoseSearch::DrawB(int heading, ComplexGrid& walls, ComplexGrid& behind_and_open) const {
-  walls.Clear();
-  behind_and_open.Clear();
+  std::fill(walls.cells.begin(), walls.cells.end(), 0);
+  std::fill(behind_and_open.cells.begin(), behind_and_open.cells.end(), 0);
   const Vector2d x_axis = UnitVector(HeadingOf(heading));
   const Vector2d doubled = Doubled(x_axis);
   const Vector2d middle_m = b_.box.Middle();
@@ -291,24 +293,22 @@ void PoseSearch::DrawB(int heading, ComplexGrid& walls, ComplexGrid& behind_and_
     return {x_axis.x() * p.x() - x_axis.y() * p.y(), x_axis.y() * p.x() + x_axis.x() * p.y()};
   };
   for (const Mark& mark : b_.walls) {
-    const auto re =
-        static_cast<float>(mark.doubled.x() * doubled.x() - mark.doubled.y() * doubled.y());
-    const auto im =
-        static_cast<float>(mark.doubled.x() * doubled.y() + mark.doubled.y() * doubled.x());
-    cells_.Share(place(mark.point_m), [&](size_t k, float share) {
-      walls.re[k] += share * re;
-      walls.im[k] += share * im;
-    });
+    const Complex direction(
+        static_cast<float>(mark.doubled.x() * doubled.x() - mark.doubled.y() * doubled.y()),
+        static_cast<float>(mark.doubled.x() * doubled.y() + mark.doubled.y() * doubled.x()));
+    cells_.Share(place(mark.point_m),
+                 [&](size_t k, float share) { walls.cells[k] += share * direction; });
   }
   for (const Mark& mark : b_.behind) {
     const auto length_m = static_cast<float>(mark.amount);
     cells_.Share(place(mark.point_m),
-                 [&](size_t k, float share) { behind_and_open.re[k] += share * length_m; });
+                 [&](size_t k, float share) { behind_and_open.cells[k] += share * length_m; });
   }
   for (const Mark& mark : b_.open) {
     const auto share_of_cell = static_cast<float>(mark.amount / (cell_m_ * cell_m_));
-    cells_.Share(place(mark.point_m),
-                 [&](size_t k, float share) { behind_and_open.im[k] += share * share_of_cell; });
+    cells_.Share(place(mark.point_m), [&](size_t k, float share) {
+      behind_and_open.cells[k] += Complex(0, share * share_of_cell);
+    });
   }
 }
 
@@ -318,56 +318,41 @@ void PoseSearch::Correlate(int heading) {
     fft_.Forward(walls_b_[n]);
     fft_.Forward(behind_and_open_b_[n]);
   }
-  const float half = 0.5F;
-  for (int v = 0; v <= height_ / 2; ++v) {
-    const size_t row = size_t{1} * v * width_;
-    const size_t mirrored_row = v == 0 ? 0 : size_t{1} * (height_ - v) * width_;
+  constexpr Complex kImaginary(0, 1);
+  for (int v = 0; v < height_; ++v) {
     for (int u = 0; u < width_; ++u) {
       // What is real in space has conjugates at the frequencies k and m.
-      const size_t k = row + u;
-      const size_t m = mirrored_row + (u == 0 ? 0 : width_ - u);
-      const float open_re = half * kContradictionWeight * open_a_.re[k];
-      const float open_im = half * kContradictionWeight * open_a_.im[k];
-      const float behind_re = half * kContradictionWeight * behind_a_.re[k];
-      const float behind_im = half * kContradictionWeight * behind_a_.im[k];
-      float re[kAtOnce];
-      float im[kAtOnce];
+      const size_t k = size_t{1} * v * width_ + u;
+      const size_t m = size_t{1} * (v == 0 ? 0 : height_ - v) * width_ + (u == 0 ? 0 : width_ - u);
+      std::array<Complex, kAtOnce> scores;
       for (int n = 0; n < kAtOnce; ++n) {
-        // The real part of conj(b) a: half of it and of its conjugate at m.
-        const ComplexGrid& b = walls_b_[n];
-        const float at_k_re = b.re[k] * walls_a_.re[k] + b.im[k] * walls_a_.im[k];
-        const float at_k_im = b.re[k] * walls_a_.im[k] - b.im[k] * walls_a_.re[k];
-        const float at_m_re = b.re[m] * walls_a_.re[m] + b.im[m] * walls_a_.im[m];
-        const float at_m_im = b.re[m] * walls_a_.im[m] - b.im[m] * walls_a_.re[m];
-        // Twice the transforms of the real and the imaginary part.
-        const ComplexGrid& z = behind_and_open_b_[n];
-        const float behind_b_re = z.re[k] + z.re[m];
-        const float behind_b_im = z.im[k] - z.im[m];
-        const float open_b_re = z.im[k] + z.im[m];
-        const float open_b_im = z.re[m] - z.re[k];
-        re[n] = half * (at_k_re + at_m_re) - (behind_b_re * open_re + behind_b_im * open_im) -
-                (open_b_re * behind_re + open_b_im * behind_im);
-        im[n] = half * (at_k_im - at_m_im) - (behind_b_re * open_im - behind_b_im * open_re) -
-                (open_b_re * behind_im - open_b_im * behind_re);
+        const std::vector<Complex>& a = walls_a_.cells;
+        const std::vector<Complex>& b = walls_b_[n].cells;
+        const Complex& z_k = behind_and_open_b_[n].cells[k];
+        const Complex z_m = std::conj(behind_and_open_b_[n].cells[m]);
+        // The real part of the correlation of directions, and those of the real and the imaginary
+        // part of z.
+        const Complex agree = (std::conj(b[k]) * a[k] + b[m] * std::conj(a[m])) / 2.0F;
+        const Complex behind_b = (z_k + z_m) / 2.0F;
+        const Complex open_b = (z_k - z_m) / (2.0F * kImaginary);
+        scores[n] = agree - kContradictionWeight * (std::conj(behind_b) * open_a_.cells[k] +
+                                                    std::conj(open_b) * behind_a_.cells[k]);
       }
-      product_.re[k] = re[0] - im[1];
-      product_.im[k] = im[0] + re[1];
-      product_.re[m] = re[0] + im[1];
-      product_.im[m] = re[1] - im[0];
+      product_.cells[k] = scores[0] + kImaginary * scores[1];
     }
   }
   fft_.Inverse(product_);
 }
 
 // Greater than what is beside, and in doubt than what comes later.
-void PoseSearch::AddPeaks(int heading, const std::vector<float>& scores) {
-  const float scale = 1 / static_cast<float>(scores.size());
+void PoseSearch::AddPeaks(int heading) {
+  const float scale = 1 / static_cast<float>(scores_.size());
   for (int y = 0; y < height_; ++y) {
     for (int x = 0; x < width_; ++x) {
-      const float score = scores[size_t{1} * y * width_ + x];
+      const float score = scores_[size_t{1} * y * width_ + x];
       if (score * scale <= least_m_) continue;
-      if (score < scores[cells_.Index(x + 1, y)] || score <= scores[cells_.Index(x - 1, y)] ||
-          score < scores[cells_.Index(x, y + 1)] || score <= scores[cells_.Index(x, y - 1)]) {
+      if (score < scores_[cells_.Index(x + 1, y)] || score <= scores_[cells_.Index(x - 1, y)] ||
+          score < scores_[cells_.Index(x, y + 1)] || score <= scores_[cells_.Index(x, y - 1)]) {
         continue;
       }
       peaks_.push_back({score * scale, heading, x, y});
@@ -395,8 +380,10 @@ std::vector<Pose2> PoseSearch::Run() {
   constexpr size_t kKept = 4 * kMostPoses;  // several belong to one place
   for (int heading = 0; heading < headings_; heading += kAtOnce) {
     Correlate(heading);
-    AddPeaks(heading, product_.re);
-    AddPeaks(heading + 1, product_.im);
+    for (size_t k = 0; k < scores_.size(); ++k) scores_[k] = product_.cells[k].real();
+    AddPeaks(heading);
+    for (size_t k = 0; k < scores_.size(); ++k) scores_[k] = product_.cells[k].imag();
+    AddPeaks(heading + 1);
     if (peaks_.size() > 4 * kKept) KeepBestPeaks(kKept);
   }
   KeepBestPeaks(kKept);
