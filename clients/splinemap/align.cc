@@ -12,9 +12,12 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
+#include "clients/splinemap/layer_edit.h"
 #include "clients/splinemap/layer_name.h"
+#include "clients/splinemap/layer_rows.h"
 #include "clients/splinemap/map_source.h"
 #include "clients/splinemap/print.h"
+#include "clients/splinemap/typed_placement.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/map/summed_layers.h"
@@ -29,19 +32,25 @@ constexpr double kDegree_rad = std::numbers::pi / 180;
 struct AlignFlags {
   MapSourceFlags source;  // and another map, or two layers
   AlignOptions options;
-  Output picture;
+  std::string picture;
+  bool apply = false;
+  Output output;  // of `apply`, unless live
   bool json = false;
 };
 
 // A map, or one layer of a map, and what people call it.
 struct AlignedMap {
   std::string name;
+  LayerId layer;  // of a layer
   std::shared_ptr<const MapView> view;
 };
 
 struct AlignedMaps {
   AlignedMap a;
   AlignedMap b;
+  // Where the layers of b are, and which they are.
+  LayerSet set_of_b;
+  std::vector<LayerId> layers_of_b;
   int exit_status = kSuccess;  // of a command that else succeeded
 };
 
@@ -56,7 +65,7 @@ absl::StatusOr<AlignedMap> LayerOf(const LayerSet& set, const std::string& text,
   settings.muted = false;
   settings.low_weight = false;
   alone.settings.Merge(id, settings);
-  return AlignedMap{text, ViewOf(alone)};
+  return AlignedMap{text, id, ViewOf(alone)};
 }
 
 absl::StatusOr<AlignedMaps> OpenMaps(const MapSourceFlags& flags) {
@@ -67,17 +76,21 @@ absl::StatusOr<AlignedMaps> OpenMaps(const MapSourceFlags& flags) {
         words.size());
   }
   SPLINEMAP_ASSIGN_OR_RETURN(MapViewSource first, OpenMapView(flags));
-  AlignedMaps maps{{}, {}, first.exit_status};
+  AlignedMaps maps{{}, {}, {}, {}, first.exit_status};
   if (words.size() == 2) {
     const std::string where = flags.live ? "the bus" : flags.arguments.front();
     SPLINEMAP_ASSIGN_OR_RETURN(maps.a, LayerOf(first.layers, words[0], where));
     SPLINEMAP_ASSIGN_OR_RETURN(maps.b, LayerOf(first.layers, words[1], where));
+    maps.set_of_b = std::move(first.layers);
+    maps.layers_of_b = {maps.b.layer};
     return maps;
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap second, ReadMapFile(words[0]));
-  maps.a = {flags.arguments.front(), std::move(first.map)};
-  maps.b = {words[0], ViewOf(second.set)};
+  SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap second, ReadMapFile(words[0]));
+  maps.a = {flags.arguments.front(), {}, std::move(first.map)};
+  maps.b = {words[0], {}, ViewOf(second.set)};
   maps.exit_status = std::max(maps.exit_status, ReportCorruption(second));
+  for (const LayerSnapshot& layer : second.set.layers) maps.layers_of_b.push_back(layer.id);
+  maps.set_of_b = std::move(second.set);
   return maps;
 }
 
@@ -144,14 +157,54 @@ absl::Status WritePicture(const AlignedMaps& maps, const Alignment& found,
   return absl::OkStatus();
 }
 
-absl::StatusOr<int> AlignMaps(const AlignFlags& flags) {
-  if (!flags.picture.path.empty()) {
-    if (!flags.picture.path.ends_with(".png")) {
-      return InvalidArgument("{} does not end in .png", flags.picture.path);
-    }
-    SPLINEMAP_RETURN_IF_ERROR(CheckOutput(flags.picture, flags.source.arguments));
+std::string AsTyped(const FixedPose2& placement) {
+  const TypedPlacement typed(placement);
+  return fmt::format("{} {} {}", typed.x_m, typed.y_m, typed.yaw_deg);
+}
+
+// How to take a placement back.
+void PrintUndo(const std::string& where, const LayerId& id, const FixedPose2& before,
+               const std::string& rest) {
+  PrintLine(stderr, "where it was before: splinemap layer place {} {} {}{}", where, NameOf(id),
+            AsTyped(before), rest);
+}
+
+absl::Status ApplyToFile(const AlignFlags& flags, const Alignment& found, AlignedMaps& maps) {
+  for (const LayerId& id : maps.layers_of_b) {
+    const FixedPose2 before = PlacementOf(*maps.set_of_b.Find(id), maps.set_of_b.settings.Of(id));
+    const Pose2 placement = found.a_T_b * before.ToPose();
+    SPLINEMAP_RETURN_IF_ERROR(EditLayer(LayerCommand::kPlace, placement, id, maps.set_of_b));
+    PrintLine(stderr, "place {} {}", NameOf(id), AsTyped(FixedPose2::Nearest(placement)));
+    PrintUndo(flags.output.path, id, before, " --out BEFORE");
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(const AlignedMaps maps, OpenMaps(flags.source));
+  return SaveAs(maps.set_of_b, flags.output.path);
+}
+
+absl::Status ApplyLive(const AlignFlags& flags, const Alignment& found, const AlignedMaps& maps) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<LiveLayer> layers,
+                             FindLiveLayers(flags.source, {NameOf(maps.b.layer)}));
+  const LiveLayer& layer = layers.front();
+  SPLINEMAP_RETURN_IF_ERROR(EditLiveLayer(flags.source.bus, layer, LayerCommand::kPlace,
+                                          found.a_T_b * layer.placement.ToPose()));
+  PrintUndo("--live", layer.id, layer.placement, "");
+  return absl::OkStatus();
+}
+
+absl::StatusOr<int> AlignMaps(const AlignFlags& flags) {
+  if (!flags.picture.empty()) {
+    if (!flags.picture.ends_with(".png")) {
+      return InvalidArgument("{} does not end in .png", flags.picture);
+    }
+    SPLINEMAP_RETURN_IF_ERROR(
+        CheckOutput({flags.picture, flags.output.force}, flags.source.arguments));
+  }
+  if (flags.apply && !flags.source.live) {
+    if (flags.output.path.empty()) {
+      return InvalidArgument("give the map file to write with --out");
+    }
+    SPLINEMAP_RETURN_IF_ERROR(CheckMapOutput(flags.output, flags.source.arguments));
+  }
+  SPLINEMAP_ASSIGN_OR_RETURN(AlignedMaps maps, OpenMaps(flags.source));
   SPLINEMAP_ASSIGN_OR_RETURN(const Alignment found,
                              Align(*maps.a.view, *maps.b.view, flags.options));
   if (flags.json) {
@@ -159,8 +212,12 @@ absl::StatusOr<int> AlignMaps(const AlignFlags& flags) {
   } else {
     PrintInWords(maps, found);
   }
-  if (!flags.picture.path.empty()) {
-    SPLINEMAP_RETURN_IF_ERROR(WritePicture(maps, found, flags.picture.path));
+  if (!flags.picture.empty()) {
+    SPLINEMAP_RETURN_IF_ERROR(WritePicture(maps, found, flags.picture));
+  }
+  if (flags.apply) {
+    SPLINEMAP_RETURN_IF_ERROR(flags.source.live ? ApplyLive(flags, found, maps)
+                                                : ApplyToFile(flags, found, maps));
   }
   return maps.exit_status;
 }
@@ -171,12 +228,16 @@ Examples:
   splinemap align monday.splinemap tuesday.splinemap --json --picture both.png
   splinemap align fleet.splinemap robot-1 robot-2
   splinemap align --live robot-1 robot-2
+  splinemap align monday.splinemap tuesday.splinemap --apply --out placed.splinemap
+  splinemap align --live robot-1 robot-2 --apply
 
 Finds how B lies in the frame of A, without a guess, by the walls that both have and by the free
 space of each in which the other has none. Prints the transform that takes points of B to A: turn by
 yaw, counter-clockwise, then shift by x and y; how sure that is; and the next best place. The maps
 may have different knot intervals. Layers are taken as they are placed in the map, also if they are
 muted. --at is about the first map alone.
+--apply places B, the layer or all layers of the file, in the frame of A, as splinemap layer place
+does, and prints the command that takes it back.
 Refuses rather than guesses: where too little agrees, too much contradicts, the maps can slide as in
 a corridor, or two places fit alike as in a symmetric room. Floors or rooms that are built alike can
 deceive it; --picture shows what it found.
@@ -198,10 +259,14 @@ void AddAlign(CLI::App& app, Command& chosen) {
       ->type_name("M")
       ->check(CLI::Range(0.01, 1e6));
   command
-      ->add_option("--picture", flags->picture.path,
+      ->add_option("--picture", flags->picture,
                    "Draw both maps: walls of A blue, of B orange, of both black")
       ->type_name("OUT.png");
-  AddForceFlag(*command, flags->picture.force);
+  CLI::Option* apply = command->add_flag("--apply", flags->apply, "Place B where it was found")
+                           ->excludes(command->get_option("--at"));
+  AddOutOption(*command, "Map file to write: B as it was placed; for --apply", flags->output)
+      ->needs(apply)
+      ->excludes(command->get_option("--live"));
   command->callback([flags, &chosen] { chosen = [flags] { return AlignMaps(*flags); }; });
 }
 

@@ -78,7 +78,7 @@ auto SettingsOfSum(const LayerSettings& settings) {
   return std::tie(settings.muted, settings.low_weight, settings.placement);
 }
 std::string SumSettingsText(const LayerSettings& settings) {
-  const std::string text = TextOf(settings, /*is_there=*/true);
+  const std::string text = TextOf(settings, settings.placement, /*is_there=*/true);
   return text.empty() ? "no settings" : text;
 }
 

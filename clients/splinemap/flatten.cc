@@ -35,7 +35,8 @@ absl::StatusOr<int> Flatten(const FlattenFlags& flags) {
     const LayerSettings& settings = map.settings.Of(layer.id);
     summed += settings.IsSummed() ? 1 : 0;
     if (settings.IsSummed()) continue;
-    PrintLine(stderr, "{} is left out: {}", NameOf(layer.id), TextOf(settings, /*is_there=*/true));
+    PrintLine(stderr, "{} is left out: {}", NameOf(layer.id),
+              TextOf(settings, settings.placement, /*is_there=*/true));
   }
   PrintLine(stderr, "summed {} layers into {}; {} tiles in {}", summed,
             NameOf(flat.layers.front().id), flat.layers.front().tiles.size(), flags.output.path);

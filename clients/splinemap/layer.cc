@@ -1,7 +1,6 @@
 #include <CLI/App.hpp>
 #include <array>
 #include <cstdio>
-#include <map>
 #include <memory>
 #include <numbers>
 #include <string>
@@ -11,17 +10,12 @@
 #include "absl/types/span.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
+#include "clients/splinemap/layer_edit.h"
 #include "clients/splinemap/layer_name.h"
-#include "clients/splinemap/live_layers.h"
 #include "clients/splinemap/map_source.h"
 #include "clients/splinemap/print.h"
-#include "clients/splinemap/refold.h"
-#include "lcmtypes/splinemap/layer_status_t.hpp"
-#include "lib/base/random.h"
 #include "lib/base/status.h"
-#include "lib/layers/layer_edits.h"
 #include "lib/map/summed_layers.h"
-#include "splinemap/client.h"
 #include "splinemap/file.h"
 
 namespace splinemap {
@@ -73,42 +67,6 @@ absl::StatusOr<LayerArguments> ParseArguments(const LayerFlags& flags) {
   return arguments;
 }
 
-// Makes the layer anew from its scans, where all of them are there. The placement that is left to
-// those who read it.
-absl::StatusOr<FixedPose2> PlaceExactly(const FixedPose2& placement, const LayerId& id,
-                                        LayerSet& set) {
-  const std::shared_ptr<const ScanArchive> archive = set.Find(id)->archive;
-  if (archive == nullptr) return placement;
-  if (archive->num_scans() == 0 || !archive->base.IsEmpty()) {
-    return FixedPose2::Nearest(placement.ToPose() * Inverse(archive->map_T_world.ToPose()));
-  }
-  SPLINEMAP_RETURN_IF_ERROR(
-      Refold(set, {NameOf(id)}, [&](const ScanArchive&) -> absl::StatusOr<ArchiveEdit> {
-        ArchiveEdit edit;
-        edit.map_T_world = placement;
-        return edit;
-      }));
-  return FixedPose2();
-}
-
-absl::Status Change(LayerCommand command, const Pose2& placement, const LayerId& id,
-                    LayerSet& set) {
-  LayerSettings settings = set.settings.Next(id, RandomId());
-  if (command == LayerCommand::kRemove) {
-    SPLINEMAP_ASSIGN_OR_RETURN(set, WithoutLayers(set, {id}, RandomId()));
-    return absl::OkStatus();
-  }
-  FixedPose2 on_read = FixedPose2::Nearest(placement);
-  if (command == LayerCommand::kPlace) {
-    SPLINEMAP_ASSIGN_OR_RETURN(on_read, PlaceExactly(on_read, id, set));
-  }
-  Apply(command, on_read, set.Find(id)->session, settings);
-  if (!set.settings.Merge(id, settings)) {
-    return FailedPrecondition("the map has no room for settings of another layer");
-  }
-  return absl::OkStatus();
-}
-
 absl::StatusOr<int> ChangeFile(const LayerFlags& flags, const LayerArguments& arguments) {
   const std::string& map = flags.source.arguments.front();
   if (flags.output.path.empty()) return InvalidArgument("give the map file to write with --out");
@@ -121,7 +79,7 @@ absl::StatusOr<int> ChangeFile(const LayerFlags& flags, const LayerArguments& ar
     SPLINEMAP_ASSIGN_OR_RETURN(found.emplace_back(), FindLayer(candidates, text, map));
   }
   for (const LayerId& id : found) {
-    SPLINEMAP_RETURN_IF_ERROR(Change(flags.command, arguments.placement, id, loaded.set));
+    SPLINEMAP_RETURN_IF_ERROR(EditLayer(flags.command, arguments.placement, id, loaded.set));
     PrintLine(stderr, "{} {}", NameOf(flags.command), NameOf(id));
   }
   SPLINEMAP_RETURN_IF_ERROR(SaveAs(loaded.set, flags.output.path));
@@ -130,55 +88,12 @@ absl::StatusOr<int> ChangeFile(const LayerFlags& flags, const LayerArguments& ar
   return loaded.corruption.empty() ? kSuccess : kFailed;
 }
 
-struct LiveLayer {
-  std::string daemon;  // one that has the layer
-  LayerId id;
-  uint64_t session_number = 0;
-};
-
-absl::StatusOr<std::vector<LiveLayer>> ReceiveNamedLayers(const LayerFlags& flags,
-                                                          const LayerArguments& arguments) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<layers_t> daemons,
-                             ReceiveLayers(flags.source.bus, flags.source.robot));
-  std::map<LayerId, LiveLayer> received;
-  for (const layers_t& daemon : daemons) {
-    for (const layer_status_t& layer : daemon.layers) {
-      const LayerId id{layer.settings.name, static_cast<uint64_t>(layer.settings.origin)};
-      if (layer.state == "removed") continue;
-      const LiveLayer here{daemon.name, id, static_cast<uint64_t>(layer.session_number)};
-      // Its owner places it exactly.
-      const bool is_owner = &layer == &daemon.layers.front() && layer.state == "own";
-      if (is_owner) received.insert_or_assign(id, here);
-      received.try_emplace(id, here);
-    }
-  }
-  std::vector<LayerId> candidates;
-  for (const auto& [id, layer] : received) candidates.push_back(id);
-  const std::string where =
-      flags.source.robot.empty() ? "the bus" : "the daemon of " + flags.source.robot;
-  std::vector<LiveLayer> found;
-  for (const std::string& text : arguments.layers) {
-    SPLINEMAP_ASSIGN_OR_RETURN(const LayerId id, FindLayer(candidates, text, where));
-    found.push_back(received.at(id));
-  }
-  return found;
-}
-
 absl::StatusOr<int> ChangeLive(const LayerFlags& flags, const LayerArguments& arguments) {
-  absl::StatusOr<std::vector<LiveLayer>> layers = ReceiveNamedLayers(flags, arguments);
-  // Messages may be lost.
-  for (int n = 0; n < 3 && !layers.ok(); ++n) layers = ReceiveNamedLayers(flags, arguments);
-  SPLINEMAP_RETURN_IF_ERROR(layers.status());
-  for (const LiveLayer& layer : *layers) {
-    ClientOptions options;
-    options.channel_prefix = flags.source.bus.channel_prefix;
-    options.robot = layer.daemon;
-    SPLINEMAP_ASSIGN_OR_RETURN(const auto client,
-                               MapClient::Connect(flags.source.bus.lcm_url, options));
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<LiveLayer> layers,
+                             FindLiveLayers(flags.source, arguments.layers));
+  for (const LiveLayer& layer : layers) {
     SPLINEMAP_RETURN_IF_ERROR(
-        client->Set({flags.command, layer.id, layer.session_number, arguments.placement}));
-    PrintLine(stderr, "{} {}: saved by the daemon of {}; the others follow within 2 s",
-              NameOf(flags.command), NameOf(layer.id), layer.daemon);
+        EditLiveLayer(flags.source.bus, layer, flags.command, arguments.placement));
   }
   return kSuccess;
 }

@@ -4,9 +4,9 @@
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
-#include <numbers>
 
 #include "clients/splinemap/layer_name.h"
+#include "clients/splinemap/typed_placement.h"
 #include "fmt/format.h"
 #include "fmt/ranges.h"
 #include "lcmtypes/splinemap/layer_status_t.hpp"
@@ -25,26 +25,11 @@ constexpr std::array kHeader{"layer",   "state",        "heard_s", "session", "c
                              "area_m2", "contradicted", "box_m",   "hash",    "settings"};
 using TableRow = std::array<std::string, kHeader.size()>;
 
-// As people type it: rounded to what a FixedPose2 says.
-struct TypedPlacement {
-  double x_m;
-  double y_m;
-  double yaw_deg;
-
-  explicit TypedPlacement(const FixedPose2& placement) {
-    const auto rounded = [](double number) { return std::round(number * 1e6) / 1e6 + 0.0; };
-    const Pose2 pose = placement.ToPose();
-    x_m = rounded(pose.position_m.x());
-    y_m = rounded(pose.position_m.y());
-    yaw_deg = rounded(pose.yaw_rad * 180 / std::numbers::pi);
-  }
-};
-
 TableRow CellsOf(const LayerRow& layer) {
   TableRow row;
   row.fill("-");
   row.front() = NameOf(layer.id);
-  row.back() = TextOf(layer.settings, layer.content.has_value());
+  row.back() = TextOf(layer.settings, layer.placement, layer.content.has_value());
   if (layer.is_approximate) row.back() += ", approximate";
   if (!layer.state.empty()) row[1] = PlainText(layer.state);
   if (layer.heard_s_ago >= 0) row[2] = fmt::format("{:.1f}", layer.heard_s_ago);
@@ -68,6 +53,8 @@ LayerRow RowOf(const layer_status_t& layer) {
   LayerRow row{{layer.settings.name, static_cast<uint64_t>(layer.settings.origin)},
                std::nullopt,
                FromMessage(layer.settings),
+               PlacementOf(FromMessage(layer.settings),
+                           {{layer.frame_x_m, layer.frame_y_m}, layer.frame_yaw_rad}),
                layer.state,
                layer.heard_s_ago,
                layer.is_approximate != 0};
@@ -100,7 +87,13 @@ LayerRow RowOf(const LayerSnapshot& layer, const LayerSettings& settings, double
   layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
     content.hash += TileChecksum(key, *entry.tile);
   });
-  return {layer.id, content, settings, "", -1, IsApproximate(settings.placement, knot_interval_m)};
+  return {layer.id,
+          content,
+          settings,
+          PlacementOf(layer, settings),
+          "",
+          -1,
+          IsApproximate(settings.placement, knot_interval_m)};
 }
 
 std::vector<LayerRow> RowsOf(const LayerSet& map) {
@@ -115,21 +108,30 @@ std::vector<LayerRow> RowsOf(const LayerSet& map) {
   for (const auto& [id, settings] : map.settings.records()) {
     const bool is_there = std::any_of(rows.begin(), rows.begin() + num_layers,
                                       [&, &id = id](const LayerRow& row) { return row.id == id; });
-    if (!is_there) rows.push_back({id, std::nullopt, settings, "", -1, false});
+    if (!is_there) rows.push_back({id, std::nullopt, settings, settings.placement, "", -1, false});
   }
   return rows;
 }
 
-std::string TextOf(const LayerSettings& settings, bool is_there) {
+FixedPose2 PlacementOf(const LayerSettings& settings, const Pose2& frame) {
+  if (settings.placement.IsIdentity()) return FixedPose2::Nearest(frame);
+  return FixedPose2::Nearest(settings.placement.ToPose() * frame);
+}
+
+FixedPose2 PlacementOf(const LayerSnapshot& layer, const LayerSettings& settings) {
+  return PlacementOf(settings,
+                     layer.archive == nullptr ? Pose2() : layer.archive->map_T_world.ToPose());
+}
+
+std::string TextOf(const LayerSettings& settings, const FixedPose2& placement, bool is_there) {
   // A removal of earlier sessions does not matter to a layer that is there.
   if (settings.removed_up_to > 0 && !is_there) return "removed";
   std::vector<std::string> texts;
   if (settings.muted) texts.push_back("muted");
   if (settings.low_weight) texts.push_back("low weight");
-  if (!settings.placement.IsIdentity()) {
-    const TypedPlacement placement(settings.placement);
-    texts.push_back(
-        fmt::format("placed at {}, {} m, {} deg", placement.x_m, placement.y_m, placement.yaw_deg));
+  if (!placement.IsIdentity()) {
+    const TypedPlacement typed(placement);
+    texts.push_back(fmt::format("placed at {}, {} m, {} deg", typed.x_m, typed.y_m, typed.yaw_deg));
   }
   return fmt::format("{}", fmt::join(texts, ", "));
 }
@@ -161,7 +163,7 @@ std::string TableOf(const std::vector<LayerRow>& layers) {
 
 nlohmann::json ToJson(const LayerRow& row) {
   const LayerSettings& settings = row.settings;
-  const TypedPlacement placement(settings.placement);
+  const TypedPlacement placement(row.placement);
   nlohmann::json json = {
       {"name", row.id.name},
       {"origin", fmt::format("{:016x}", row.id.origin)},

@@ -32,6 +32,7 @@ struct LayerRow {
   LayerId id;
   std::optional<Content> content;  // none where only settings of the layer are there
   LayerSettings settings;
+  FixedPose2 placement;  // from the frame of the robot's poses, where it is known, to the map's
   // In a daemon: "own", "live", "stale", "gone" or "removed", and the time since a message of the
   // owner, -1 before the first.
   std::string state;
@@ -47,9 +48,14 @@ LayerRow RowOf(const layer_status_t& layer);
 // Of the layers of a map, and then of those that only have settings.
 std::vector<LayerRow> RowsOf(const LayerSet& map);
 
+// Where the layer lies in the map: as its settings say, beyond the frame that its scans were mapped
+// in.
+FixedPose2 PlacementOf(const LayerSettings& settings, const Pose2& frame);
+FixedPose2 PlacementOf(const LayerSnapshot& layer, const LayerSettings& settings);
+
 // "muted, placed at 2, -0.1 m, 30 deg", "removed"; empty for the default settings. `is_there`: the
 // layer is in the map, not its settings alone.
-std::string TextOf(const LayerSettings& settings, bool is_there);
+std::string TextOf(const LayerSettings& settings, const FixedPose2& placement, bool is_there);
 
 // A table with a header.
 std::string TableOf(const std::vector<LayerRow>& rows);

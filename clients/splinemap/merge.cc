@@ -75,7 +75,7 @@ class Merger {
     for (const std::string& note : notes_) PrintLine(stderr, "{}", note);
     for (const LayerId& id : union_->Removed()) {
       PrintLine(stderr, "{} is left out: {}", NameOf(id),
-                TextOf(merged.settings.Of(id), /*is_there=*/false));
+                TextOf(merged.settings.Of(id), FixedPose2(), /*is_there=*/false));
     }
     std::map<std::string, std::vector<std::string>> names;
     for (const LayerSnapshot& layer : merged.layers) {

@@ -108,10 +108,19 @@ void CommandHandlers::ChangeLayer(const layer_command_request_t& request,
   }
   const LayerSnapshot own = newest_.Own();
   const bool is_own = own.id == LayerId{request.name, static_cast<uint64_t>(request.origin)};
-  if (*command == LayerCommand::kPlace && is_own && own.archive->base.IsEmpty()) {
+  if (*command != LayerCommand::kPlace || !is_own) {
+    ChangeSettings(*command, request, std::move(done));
+  } else if (own.archive->base.IsEmpty()) {
     PlaceOwn(request, std::move(done));
   } else {
-    ChangeSettings(*command, request, std::move(done));
+    // Beyond where the base was mapped.
+    const Pose2 frame = own.archive->map_T_world.ToPose();
+    const Pose2 on_read = Pose2{{request.x_m, request.y_m}, request.yaw_rad} * Inverse(frame);
+    layer_command_request_t placed = request;
+    placed.x_m = on_read.position_m.x();
+    placed.y_m = on_read.position_m.y();
+    placed.yaw_rad = on_read.yaw_rad;
+    ChangeSettings(*command, placed, std::move(done));
   }
 }
 

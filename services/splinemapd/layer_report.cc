@@ -46,6 +46,10 @@ std::vector<layer_status_t> LayerReport::Make(
     status.revision = static_cast<int64_t>(layer.revision);
     status.num_tiles = static_cast<int64_t>(summary.hashes.num_tiles());
     status.hash = static_cast<int64_t>(summary.hashes.hash());
+    const Pose2 frame = layer.archive == nullptr ? Pose2() : layer.archive->map_T_world.ToPose();
+    status.frame_x_m = frame.position_m.x();
+    status.frame_y_m = frame.position_m.y();
+    status.frame_yaw_rad = frame.yaw_rad;
     const double knot_m = set.options.knot_interval_m;
     status.is_approximate = IsApproximate(setting.placement, knot_m) ? 1 : 0;
     status.area_m2 = summary.extent.area_m2(knot_m);

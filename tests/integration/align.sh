@@ -57,6 +57,24 @@ expect 0 splinemap layer place both.splinemap robot-1 12 -5 130 --out placed.spl
 expect 0 splinemap align placed.splinemap robot-2 robot-1 --json
 near 0 0 0
 
+# --apply places B, exactly, and says how to take it back.
+expect 0 splinemap align both.splinemap robot-2 robot-1 --apply --out applied.splinemap
+undo=$(sed -n 's/^where it was before: //p' err | sed 's/ BEFORE$/ before.splinemap/')
+expect 0 splinemap align applied.splinemap robot-2 robot-1 --json
+near 0 0 0
+expect 0 splinemap verify applied.splinemap
+[[ $(splinemap layers applied.splinemap --json | jq 'map(select(.name == "robot-1")) | .[0] |
+  (.placement.x_m - 12 | fabs) < 0.02 and .placement.yaw_deg > 129 and (.is_approximate | not)') == true ]] ||
+  fail "layers: $(splinemap layers applied.splinemap)"
+expect 0 $undo
+expect 0 splinemap diff both.splinemap before.splinemap
+expect 0 splinemap align last.splinemap first.splinemap --apply --out there.splinemap
+expect 0 splinemap align last.splinemap there.splinemap --json
+near 0 0 0
+expect 2 splinemap align both.splinemap robot-2 robot-1 --apply
+expect_text "with --out" err
+expect 2 splinemap align both.splinemap robot-2 robot-1 --out none.splinemap
+
 # What is refused, with figures and without an answer.
 cat > room.world << 'END'
 wall { x0_m: -4 y0_m: -2 x1_m: 4 y1_m: -2 }
@@ -91,6 +109,36 @@ splinemapd --map both.splinemap --name base --no-sensors 2> daemon.log &
 await splinemap align --live robot-2 robot-1 --timeout 5
 expect 0 splinemap align --live robot-2 robot-1 --json
 near 12 -5 130
+expect 0 splinemap align --live robot-2 robot-1 --apply
+undo=$(sed -n 's/^where it was before: //p' err)
+sleep 2
+expect 0 splinemap align --live robot-2 robot-1 --json
+near 0 0 0
+expect 0 $undo
+sleep 2
+expect 0 splinemap align --live robot-2 robot-1 --json
+near 12 -5 130
 expect 2 splinemap align --live robot-2 nobody
 expect_text "the bus has no layer nobody" err
+
+# An owner says where its scans lie, and places them beyond that, also where they are not kept.
+shown() {
+  splinemap layers --live --robot robot-2 --timeout 1.5 --json |
+    jq -c '.[0].layers[0] | [.placement.x_m, .placement.y_m, .placement.yaw_deg, .is_approximate]'
+}
+for kept_mb in 256 0; do
+  cp turned.splinemap own.splinemap
+  echo "scan { channel: 'LASER' } pose: 'POSE' service { max_archive_mb: $kept_mb }" > own.textproto
+  splinemapd --config own.textproto --map own.splinemap --name robot-2 2> own.log &
+  owner=$!
+  await splinemap layers --live --robot robot-2 --timeout 1.5
+  [[ $(shown) == '[12,-5,130,false]' ]] || fail "shown: $(shown)"
+  expect 0 splinemap layer place --live robot-2 --robot robot-2 7 -5 130
+  sleep 1
+  [[ $(shown) == '[7,-5,130,false]' ]] || fail "shown after it was placed: $(shown)"
+  kill "$owner"
+  wait "$owner" || fail "daemon: $(cat own.log)"
+  expect 0 splinemap align turned.splinemap own.splinemap --json
+  near 5 0 0
+done
 echo "align: files, layers, a bus, and what is refused"

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "absl/status/statusor.h"
+#include "clients/splinemap/map_source.h"
+#include "splinemap/fixed_pose2.h"
+#include "splinemap/layer_command.h"
+
+namespace splinemap {
+
+// Changes the settings of a layer of a file; `placement` is for kPlace, which makes the layer anew
+// where all of its scans are there.
+absl::Status EditLayer(LayerCommand command, const Pose2& placement, const LayerId& id,
+                       LayerSet& set);
+
+// A layer on a bus.
+struct LiveLayer {
+  std::string daemon;  // its owner's, or else one that has it
+  LayerId id;
+  uint64_t session_number = 0;
+  FixedPose2 placement;  // as PlacementOf()
+};
+// Those that `names` name; InvalidArgument where there is none, or several.
+absl::StatusOr<std::vector<LiveLayer>> FindLiveLayers(const MapSourceFlags& source,
+                                                      const std::vector<std::string>& names);
+absl::Status EditLiveLayer(const BusFlags& bus, const LiveLayer& layer, LayerCommand command,
+                           const Pose2& placement);
+
+}  // namespace splinemap
