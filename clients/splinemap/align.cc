@@ -104,6 +104,7 @@ void PrintAsJson(const AlignedMaps& maps, const Alignment& found) {
   nlohmann::json json = JsonOf(found.a_T_b);
   json["a"] = maps.a.name;
   json["b"] = maps.b.name;
+  json["overlap"] = found.overlap;
   json["overlap_m2"] = found.overlap_m2;
   json["agree_m"] = found.agree_m;
   json["contradict_m"] = found.contradict_m;
@@ -134,9 +135,12 @@ void PrintInWords(const AlignedMaps& maps, const Alignment& found) {
   PrintLine(stdout, "standard deviations: {:.3f} m, {:.3f} m, {:.2f} degrees",
             std::sqrt(found.covariance(0, 0)), std::sqrt(found.covariance(1, 1)),
             std::sqrt(found.covariance(2, 2)) / kDegree_rad);
-  PrintLine(stdout,
-            "both know {:.0f} m2; {:.1f} m of walls agree, to {:.0f} mm, and {:.1f} m contradict",
-            found.overlap_m2, found.agree_m, 1e3 * found.residual_m, found.contradict_m);
+  PrintLine(
+      stdout,
+      "both know {:.0f} m2, {:.0f} % of the smaller map; {:.1f} m of walls agree, to {:.0f} mm, "
+      "and {:.1f} m contradict",
+      found.overlap_m2, 100 * found.overlap, found.agree_m, 1e3 * found.residual_m,
+      found.contradict_m);
   if (found.runner_up) {
     PrintLine(stdout, "next best: {}, with {:.0f} % of the score", WordsFor(found.runner_up->a_T_b),
               100 * found.runner_up->score_m / found.score_m);

@@ -107,8 +107,14 @@ std::optional<Alignment::RunnerUp> FindRunnerUp(const MapPair& pair, const Place
   return Alignment::RunnerUp{fitted.a_T_b, fitted.score_m()};
 }
 
-double OverlapOf(const MapPair& pair, const Pose2& a_T_b) {
-  const Pose2 b_T_a = Inverse(a_T_b);
+double KnownArea(const MapSketch& sketch) {
+  size_t known = 0;
+  sketch.ForEachKnown([&](const Vector2d&, const MapSketch::Vertex&) { ++known; });
+  return static_cast<double>(known) * sketch.knot_m() * sketch.knot_m();
+}
+
+void SetOverlap(const MapPair& pair, Alignment& alignment) {
+  const Pose2 b_T_a = Inverse(alignment.a_T_b);
   const Vector2d x_axis = UnitVector(b_T_a.yaw_rad);
   size_t known = 0;
   pair.a.ForEachKnown([&](const Vector2d& p, const MapSketch::Vertex&) {
@@ -116,7 +122,9 @@ double OverlapOf(const MapPair& pair, const Pose2& a_T_b) {
                         x_axis.y() * p.x() + x_axis.x() * p.y());
     known += pair.b.At(b_T_a.position_m + in_b).is_known ? 1 : 0;
   });
-  return static_cast<double>(known) * pair.a.knot_m() * pair.a.knot_m();
+  alignment.overlap_m2 = static_cast<double>(known) * pair.a.knot_m() * pair.a.knot_m();
+  const double less_m2 = std::min(KnownArea(pair.a), KnownArea(pair.b));
+  alignment.overlap = std::min(alignment.overlap_m2 / less_m2, 1.0);
 }
 
 absl::StatusOr<Match> FindMatch(const MapPair& pair) {
@@ -130,13 +138,13 @@ absl::StatusOr<Match> FindMatch(const MapPair& pair) {
   const Place best = FittedFrom(pair, places.front().a_T_b, fit);
   SetSlide(best.agreement, match);
   match.alignment = {.a_T_b = fit.a_T_b,
-                     .overlap_m2 = OverlapOf(pair, fit.a_T_b),
                      .agree_m = best.agreement.agree_m,
                      .contradict_m = best.agreement.contradict_m,
                      .score_m = best.score_m(),
                      .residual_m = fit.residual_m,
                      .covariance = fit.covariance,
                      .runner_up = FindRunnerUp(pair, best, match.slide_rad, std::move(places))};
+  SetOverlap(pair, match.alignment);
   return match;
 }
 

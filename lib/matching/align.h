@@ -20,6 +20,7 @@ struct Alignment {
   Pose2 a_T_b;  // from the frame of b to that of a
 
   double overlap_m2 = 0;    // of the world, known to both
+  double overlap = 0;       // that, as a share of what the map knows that knows less
   double agree_m = 0;       // length of walls that both have; the mean of theirs
   double contradict_m = 0;  // of walls that one has where the other saw free space
   double score_m = 0;       // the first less twice the second

@@ -23,7 +23,7 @@ expect 0 splinemap fold turned.splinemap --from end-80s --out last.splinemap
 
 expect 0 splinemap align last.splinemap first.splinemap --json
 near 12 -5 130
-jq -e '.overlap_m2 > 50 and (.agree_m > 10 * .contradict_m) and .residual_m < 0.02 and
+jq -e '.overlap_m2 > 50 and .overlap > 0.5 and .overlap <= 1 and (.agree_m > 10 * .contradict_m) and .residual_m < 0.02 and
   (.covariance | length) == 9 and .covariance[0] > 0 and .covariance[4] > 0 and
   .covariance[8] > 0 and .covariance[1] == .covariance[3] and .score_m > 15 and
   .a == "last.splinemap" and .b == "first.splinemap"' out > /dev/null || fail "figures: $(cat out)"

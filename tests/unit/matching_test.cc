@@ -122,6 +122,8 @@ TEST(AlignTest, RecoversAnyTransformOfARoom) {
     // At the room, which is far from the origin of b.
     ExpectNear(found->a_T_b * b_T_world, {}, 0.01, 0.1 * kRad);
     EXPECT_GT(found->overlap_m2, 40);
+    EXPECT_GT(found->overlap, 0.95);
+    EXPECT_LE(found->overlap, 1);
     EXPECT_GT(found->agree_m, 25);
     EXPECT_LT(found->contradict_m, 1);
     EXPECT_LT(found->residual_m, 0.01);

@@ -42,7 +42,10 @@ std::vector<Aligner> Aligners() {
   return {{"splinemap",
            [](const MapView& a, const MapView& b) -> std::optional<Pose2> {
              const absl::StatusOr<Alignment> found = Align(a, b);
-             if (!found.ok()) return std::nullopt;
+             if (!found.ok()) {
+               fmt::print(stderr, "{}\n", ErrorText(found.status()));
+               return std::nullopt;
+             }
              return found->a_T_b;
            }},
           {"AKAZE", AlignByFeatures}};
@@ -157,6 +160,8 @@ void AlignStretches(const NamedDrive& drive, const Effort& effort, Table& table)
     const Pose2 b_T_world = AnyPose(random);
     const auto a = MapOfPiece(drive, a0, a1, {});
     const double shared = SharedPart(*a, *MapOfPiece(drive, b0, b1, {}));
+    fmt::print(stderr, "pair {}, shared {:.2f}, scans {}-{} and {}-{}\n", n, shared, a0, a1, b0,
+               b1);
     const auto bin = std::upper_bound(kLeastShared.begin(), kLeastShared.end(), shared) - 1;
     std::vector<Tally>& tallies_of_bin = tallies[bin - kLeastShared.begin()];
     const auto b = MapOfPiece(drive, b0, b1, b_T_world);
@@ -222,6 +227,8 @@ int main(int argc, char** argv) {
   bool quick = false;
   Effort effort;
   app.add_option("--out", out, "Directory for the tables")->capture_default_str();
+  std::string only_drive;
+  app.add_option("--drive", only_drive, "One of the drives, for halves and stretches");
   app.add_option("--only", only, "One of halves, stretches, strangers");
   app.add_option("--transforms", effort.transforms, "Of the halves of each drive")
       ->capture_default_str();
@@ -239,6 +246,9 @@ int main(int argc, char** argv) {
     return 0;
   }
   if (quick) drives.resize(2);
+  if (!only_drive.empty()) {
+    std::erase_if(drives, [&](const NamedDrive& other) { return other.name != only_drive; });
+  }
   const auto is_wanted = [&](const char* name) { return only.empty() || only == name; };
   if (is_wanted("halves")) {
     Table table = TableOfTallies(out + "/halves.csv");
