@@ -76,7 +76,8 @@ absl::StatusOr<AlignedMaps> OpenMaps(const MapSourceFlags& flags) {
         words.size());
   }
   SPLINEMAP_ASSIGN_OR_RETURN(MapViewSource first, OpenMapView(flags));
-  AlignedMaps maps{{}, {}, {}, {}, first.exit_status};
+  AlignedMaps maps;
+  maps.exit_status = first.exit_status;
   if (words.size() == 2) {
     const std::string where = flags.live ? "the bus" : flags.arguments.front();
     SPLINEMAP_ASSIGN_OR_RETURN(maps.a, LayerOf(first.layers, words[0], where));
@@ -86,8 +87,10 @@ absl::StatusOr<AlignedMaps> OpenMaps(const MapSourceFlags& flags) {
     return maps;
   }
   SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap second, ReadMapFile(words[0]));
-  maps.a = {flags.arguments.front(), {}, std::move(first.map)};
-  maps.b = {words[0], {}, ViewOf(second.set)};
+  maps.a.name = flags.arguments.front();
+  maps.a.view = std::move(first.map);
+  maps.b.name = words[0];
+  maps.b.view = ViewOf(second.set);
   maps.exit_status = std::max(maps.exit_status, ReportCorruption(second));
   for (const LayerSnapshot& layer : second.set.layers) maps.layers_of_b.push_back(layer.id);
   maps.set_of_b = std::move(second.set);

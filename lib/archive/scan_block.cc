@@ -26,23 +26,28 @@ enum Flag : uint32_t { kHasSensorPoses = 1, kHasBearings = 2, kHasHits = 4 };
 constexpr uint32_t kRangeUnits_um[] = {10'000, 1'000, 250};
 constexpr int kUnitPlanes = 3;
 
-float RangeOf(int64_t units, uint32_t unit_um) {
-  return static_cast<float>(static_cast<double>(units * unit_um) * 1e-6);
+float RangeOf(int32_t units, uint32_t unit_um) {
+  return static_cast<float>(double{1} * units * unit_um * 1e-6);
 }
 
-// Whether all ranges are, to the last bit, RangeOf() of these units.
-bool InUnits(const std::vector<Beam>& beams, uint32_t unit_um, std::vector<uint32_t>& units) {
+// Adds the ranges in these units. False, and adds nothing, unless all are RangeOf() of them to the
+// last bit.
+bool AddInUnits(const std::vector<Beam>& beams, uint32_t unit_um, std::vector<uint32_t>& units) {
+  constexpr double kLimit = 1 << (8 * kUnitPlanes);
   const double per_m = 1e6 / unit_um;
   const size_t begin = units.size();
-  for (const Beam& beam : beams) {
-    const int64_t number = RoundToInt(beam.range_m * per_m);
-    if (number >= 1 << (8 * kUnitPlanes) || RangeOf(number, unit_um) != beam.range_m) {
-      units.resize(begin);
-      return false;
-    }
-    units.push_back(static_cast<uint32_t>(number));
+  units.resize(begin + beams.size());
+  uint32_t* const to = units.data() + begin;
+  int differ = 0;
+  // Without a branch, so that compilers do several at once.
+  for (size_t k = 0; k < beams.size(); ++k) {
+    const double number = std::min(beams[k].range_m * per_m + 0.5, kLimit);
+    to[k] = static_cast<uint32_t>(static_cast<int32_t>(number));
+    differ |=
+        (number == kLimit) | (RangeOf(static_cast<int32_t>(to[k]), unit_um) != beams[k].range_m);
   }
-  return true;
+  if (differ != 0) units.resize(begin);
+  return differ == 0;
 }
 
 uint32_t BitsOf(float number) {
@@ -63,7 +68,9 @@ std::string PlanesOf(const std::vector<uint32_t>& numbers, int planes) {
   std::string bytes(count * planes, '\0');
   for (int plane = 0; plane < planes; ++plane) {
     char* const to = bytes.data() + plane * count;
-    for (size_t k = 0; k < count; ++k) to[k] = static_cast<char>(numbers[k] >> 8 * plane);
+    const uint32_t* const from = numbers.data();
+    const int shift = 8 * plane;
+    for (size_t k = 0; k < count; ++k) to[k] = static_cast<char>(from[k] >> shift);
   }
   return bytes;
 }
@@ -129,6 +136,17 @@ std::optional<BeamModelOptions> ModelOf(const archive_records::BeamModelRecord& 
   return can_be ? std::optional(model) : std::nullopt;
 }
 
+std::string Compressed(const std::string& bytes) {
+  // Its tables are large, and cleared sooner than they are allocated.
+  thread_local const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(),
+                                                                                  &ZSTD_freeCCtx);
+  std::string packed(ZSTD_compressBound(bytes.size()), '\0');
+  packed.resize(ZSTD_compressCCtx(context.get(), packed.data(), packed.size(), bytes.data(),
+                                  bytes.size(), kZstdLevel));
+  packed.shrink_to_fit();
+  return packed;
+}
+
 class BeamPacker {
  public:
   void Add(const PosedScan& scan) {
@@ -151,10 +169,7 @@ class BeamPacker {
     record_.set_range_bits(PlanesOf(range_bits_, 4));
     record_.set_range_units(PlanesOf(range_units_, kUnitPlanes));
     const std::string bytes = record_.SerializeAsString();
-    std::string packed(ZSTD_compressBound(bytes.size()), '\0');
-    packed.resize(
-        ZSTD_compress(packed.data(), packed.size(), bytes.data(), bytes.size(), kZstdLevel));
-    return packed;
+    return Compressed(bytes);
   }
 
  private:
@@ -179,11 +194,15 @@ class BeamPacker {
   }
 
   void AddReadings(const std::vector<Beam>& beams) {
+    auto& steps = *record_.mutable_reading_step();
+    const int begin = steps.size();
+    steps.Resize(begin + static_cast<int>(beams.size()), 0);
+    uint32_t* const to = steps.mutable_data() + begin;
     int next = 0;
-    for (const Beam& beam : beams) {
+    for (size_t k = 0; k < beams.size(); ++k) {
       // Modulo 2^16: beams of any order can be.
-      record_.add_reading_step(static_cast<uint16_t>(beam.reading - next));
-      next = beam.reading + 1;
+      to[k] = static_cast<uint16_t>(beams[k].reading - next);
+      next = beams[k].reading + 1;
     }
   }
 
@@ -196,7 +215,7 @@ class BeamPacker {
 
   void AddRanges(const std::vector<Beam>& beams) {
     for (const uint32_t unit_um : kRangeUnits_um) {
-      if (!InUnits(beams, unit_um, range_units_)) continue;
+      if (!AddInUnits(beams, unit_um, range_units_)) continue;
       record_.add_range_unit_um(unit_um);
       return;
     }
