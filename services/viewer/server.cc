@@ -21,7 +21,6 @@
 #include <optional>
 #include <utility>  // before Boost 1.74, which lacks it
 
-#include "absl/cleanup/cleanup.h"
 #include "absl/strings/numbers.h"
 #include "lib/base/status.h"
 #include "services/viewer/into.h"
@@ -182,6 +181,9 @@ class BeastServer : public Server {
 
  private:
   long CountConnections() const { return connections_.use_count() - 1; }
+  void ReportConnections() {
+    viewer_.metrics().connections.Set(static_cast<double>(CountConnections()));
+  }
   bool IsSecure() const { return !options_.certificate_path.empty(); }
 
   awaitable<void> Accept() {
@@ -207,14 +209,7 @@ class BeastServer : public Server {
 
   awaitable<void> Serve(tcp::socket socket) {
     std::shared_ptr<void> counted = connections_;
-    const auto report = [this] {
-      viewer_.metrics().connections.Set(static_cast<double>(CountConnections()));
-    };
-    const absl::Cleanup report_end = [&] {
-      counted.reset();
-      report();
-    };
-    report();
+    ReportConnections();
     error_code error;
     socket.set_option(tcp::no_delay(true), error);
     if (IsSecure()) {
@@ -223,6 +218,9 @@ class BeastServer : public Server {
       Stream stream{asio::generic::stream_protocol::socket(std::move(socket))};
       co_await ServeRequests(stream);
     }
+    counted.reset();
+    // Not as a destructor: connections that the end of the program cuts off outlive this.
+    ReportConnections();
   }
 
   awaitable<void> ServeTls(tcp::socket socket) {
