@@ -10,6 +10,7 @@
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/mapping/fold.h"
+#include "lib/mapping/past_map.h"
 
 namespace splinemap {
 namespace {
@@ -28,10 +29,8 @@ absl::StatusOr<std::vector<LayerId>> LayersToFold(const LayerSet& set,
 
 absl::Status RefoldLayer(LayerSnapshot& layer, EditOf edit_of, const MapOptions& before,
                          const MapOptions& options) {
-  if (layer.archive == nullptr || layer.archive->num_scans() == 0) {
-    if (layer.tiles.size() == 0) return absl::OkStatus();
-    return FailedPrecondition("the map keeps no scans of it (max_archive_mb), only tiles");
-  }
+  SPLINEMAP_RETURN_IF_ERROR(CheckScansAreKept(layer));
+  if (layer.archive == nullptr || layer.archive->num_scans() == 0) return absl::OkStatus();
   SPLINEMAP_ASSIGN_OR_RETURN(const ArchiveEdit edit, edit_of(*layer.archive));
   auto archive = std::make_shared<ScanArchive>(edit.Apply(*layer.archive));
   if (options != before && !archive->base.IsEmpty()) {
@@ -68,7 +67,13 @@ absl::Status Refold(LayerSet& set, const std::vector<std::string>& names, EditOf
 
 absl::Status WindBack(LayerSet& set, const std::string& time) {
   SPLINEMAP_ASSIGN_OR_RETURN(const Utime utime, ParseTime(time, set));
-  return Refold(set, {}, [&](const ScanArchive& archive) { return WindBackTo(archive, utime); });
+  ProgressBar bar("making the map of then");
+  const auto show = [&](int64_t folded, int64_t scans) {
+    bar.Show(static_cast<double>(folded) / static_cast<double>(scans));
+    return false;
+  };
+  SPLINEMAP_ASSIGN_OR_RETURN(set, PastMap(std::move(set)).At(utime, show));
+  return absl::OkStatus();
 }
 
 }  // namespace splinemap

@@ -1,29 +1,12 @@
 #include "clients/splinemap/time_flag.h"
 
-#include <algorithm>
-#include <optional>
-
 #include "absl/strings/numbers.h"
 #include "absl/time/time.h"
 #include "lib/base/status.h"
+#include "lib/mapping/past_map.h"
 #include "lib/wire/message_type.h"
-#include "splinemap/scan_archive.h"
 
 namespace splinemap {
-
-absl::StatusOr<ArchiveTimes> TimesOf(const LayerSet& set) {
-  std::optional<ArchiveTimes> times;
-  for (const LayerSnapshot& layer : set.layers) {
-    if (layer.archive == nullptr) continue;
-    layer.archive->ForEachPose([&](const ScanPose& pose) {
-      if (!times) times = ArchiveTimes{pose.utime, pose.utime};
-      times->first = std::min(times->first, pose.utime);
-      times->last = std::max(times->last, pose.utime);
-    });
-  }
-  if (!times) return NotFound("the map keeps no scans, so it has no times");
-  return *times;
-}
 
 absl::StatusOr<Utime> ParseTime(const std::string& text, const LayerSet& set) {
   const auto error = [&] { return InvalidArgument("{} is no time; {}", text, kTimeHelp); };

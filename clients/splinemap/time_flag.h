@@ -18,13 +18,6 @@ inline constexpr const char* kTimeFooter =
     "\nA TIME is end-90s or start+1h30m, of the scans in the map, 2026-11-29T10:00:00 (UTC), or\n"
     "microseconds since 1970.";
 
-// First and last scan that the layers keep. NotFound where they keep none.
-struct ArchiveTimes {
-  Utime first{0};
-  Utime last{0};
-};
-absl::StatusOr<ArchiveTimes> TimesOf(const LayerSet& set);
-
 absl::StatusOr<Utime> ParseTime(const std::string& text, const LayerSet& set);
 
 // 2026-11-29T10:00:00.5 in UTC.

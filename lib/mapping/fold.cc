@@ -97,6 +97,12 @@ absl::StatusOr<LayerSnapshot> Refolded(const LayerSnapshot& layer,
   return result;
 }
 
+absl::Status CheckScansAreKept(const LayerSnapshot& layer) {
+  const bool has_scans = layer.archive != nullptr && layer.archive->num_scans() > 0;
+  if (has_scans || layer.tiles.size() == 0) return absl::OkStatus();
+  return FailedPrecondition("the map keeps no scans of it (max_archive_mb), only tiles");
+}
+
 std::string NotKept(const ScanArchive& archive) {
   const int64_t scans = archive.base.scans;
   return fmt::format("{} of the layer are not kept any more (max_archive_mb),",

@@ -62,6 +62,9 @@ absl::StatusOr<LayerSnapshot> Refolded(const LayerSnapshot& layer,
                                        const MapOptions& options, SessionId session,
                                        const FoldProgress& is_cancelled = GoOn);
 
+// FailedPrecondition where it has tiles, but no scans that make them.
+absl::Status CheckScansAreKept(const LayerSnapshot& layer);
+
 // "the oldest 70 scans of the layer are not kept any more (max_archive_mb),", for errors.
 std::string NotKept(const ScanArchive& archive);
 
