@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -37,6 +38,14 @@ absl::StatusOr<ViewRequest> RequestOf(const json& view) {
   return request;
 }
 
+absl::StatusOr<TimeRequest> TimeRequestOf(const json& utime) {
+  if (utime.is_null()) return TimeRequest{};
+  if (!utime.is_number_integer()) return InvalidArgument("a time is a whole number of us, or null");
+  constexpr uint64_t kMost = std::numeric_limits<int64_t>::max();
+  const bool is_beyond = utime.is_number_unsigned() && utime.get<uint64_t>() > kMost;
+  return TimeRequest{Utime(is_beyond ? int64_t{kMost} : utime.get<int64_t>())};
+}
+
 // The tiles of the request, cut to kMaxTiles about their middle.
 TileBox TilesOf(const ViewRequest& request, double knot_interval_m) {
   TileBox box = TilesOf(request.region, knot_interval_m * std::ldexp(1, request.level));
@@ -54,6 +63,7 @@ TileBox TilesOf(const ViewRequest& request, double knot_interval_m) {
 }  // namespace
 
 absl::Status BrowserView::Handle(std::string_view message) {
+  time_request_.reset();
   const json parsed = json::parse(message, nullptr, /*allow_exceptions=*/false);
   if (!parsed.is_object()) return InvalidArgument("a message that is no JSON object");
   try {
@@ -61,6 +71,9 @@ absl::Status BrowserView::Handle(std::string_view message) {
       if (!parsed["ack"].is_number_integer()) return InvalidArgument("ack is no number of a frame");
       const auto frame = parsed["ack"].get<int64_t>();
       if (frame > acknowledged_ && frame <= frame_) acknowledged_ = frame;
+    }
+    if (parsed.contains("at_utime")) {
+      SPLINEMAP_ASSIGN_OR_RETURN(time_request_, TimeRequestOf(parsed["at_utime"]));
     }
     if (!parsed.contains("view")) return absl::OkStatus();
     SPLINEMAP_ASSIGN_OR_RETURN(ViewRequest request, RequestOf(parsed["view"]));

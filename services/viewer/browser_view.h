@@ -14,6 +14,7 @@
 #include "services/viewer/surface_levels.h"
 #include "services/viewer/tile_bodies.h"
 #include "splinemap/region.h"
+#include "splinemap/utime.h"
 
 namespace splinemap {
 
@@ -25,6 +26,11 @@ struct ViewRequest {
   Region region;
   int level = 0;
   std::vector<std::string> surfaces;  // "sum", or keys of layers
+};
+
+// The time whose map a page wants to see.
+struct TimeRequest {
+  std::optional<Utime> utime;  // none: now
 };
 
 // Surfaces by their names in requests; null where there is none.
@@ -40,6 +46,8 @@ class BrowserView {
   absl::Status Handle(std::string_view message);
 
   const std::optional<ViewRequest>& request() const { return request_; }
+  // Where the last message has one.
+  const std::optional<TimeRequest>& time_request() const { return time_request_; }
 
   // The next frame, or none while the last is not acknowledged or nothing is new. README.md has
   // the format.
@@ -59,6 +67,7 @@ class BrowserView {
   std::vector<Wanted> FindWanted(double knot_interval_m, const FindSurface& find);
 
   std::optional<ViewRequest> request_;
+  std::optional<TimeRequest> time_request_;
   bool is_request_new_ = false;
   bool is_complete_ = true;
   absl::flat_hash_map<SentKey, uint64_t> sent_;  // numbers of changes, of the present request

@@ -10,10 +10,10 @@ namespace splinemap {
 // What frames say beside tiles, as JSON, and when each part of it changed. Thread-compatible.
 class Sections {
  public:
-  enum Name { kMap, kLayers, kDaemons, kPoses, kScans, kPaths };
-  static constexpr int kCount = 6;
-  static constexpr std::array<const char*, kCount> kNames{"map",   "layers", "daemons",
-                                                          "poses", "scans",  "paths"};
+  enum Name { kMap, kLayers, kDaemons, kPoses, kScans, kPaths, kTimes };
+  static constexpr int kCount = 7;
+  static constexpr std::array<const char*, kCount> kNames{"map",   "layers", "daemons", "poses",
+                                                          "scans", "paths",  "times"};
   using Numbers = std::array<uint64_t, kCount>;
 
   void Set(Name name, std::string json) {

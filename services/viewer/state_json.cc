@@ -122,6 +122,17 @@ std::string LayersJson(const ShownMap& map, const BusState* bus) {
   return Dump(rows);
 }
 
+std::string TimesJson(const MapTimes& times) {
+  const auto to_json = [](std::optional<Utime> utime) {
+    return utime ? json(utime->count()) : json();
+  };
+  return Dump({{"first_utime", times.first.count()},
+               {"last_utime", times.last.count()},
+               {"shown_utime", to_json(times.shown)},
+               {"wanted_utime", to_json(times.wanted)},
+               {"problem", times.problem}});
+}
+
 std::string DaemonsJson(const BusState& bus) {
   json rows = json::array();
   for (const auto& [nonce, heard] : bus.daemons) {

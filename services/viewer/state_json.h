@@ -23,6 +23,7 @@ std::string MapJson(const MapFacts& facts, const ShownMap& map, const MapView& v
                     const TileBox& box);
 // `bus` null: the layers of a file.
 std::string LayersJson(const ShownMap& map, const BusState* bus);
+std::string TimesJson(const MapTimes& times);
 std::string DaemonsJson(const BusState& bus);
 std::string PosesJson(const BusState& bus);
 std::string ScansJson(const BusState& bus);

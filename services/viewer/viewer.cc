@@ -53,7 +53,7 @@ absl::StatusOr<std::unique_ptr<Viewer>> Viewer::Open(asio::io_context& io,
     SPLINEMAP_ASSIGN_OR_RETURN(viewer->bus_,
                                BusWatch::Start(options.lcm_url, options.watch, nudge));
   } else {
-    SPLINEMAP_ASSIGN_OR_RETURN(viewer->map_, OpenMap(options.map));
+    SPLINEMAP_ASSIGN_OR_RETURN(viewer->map_, OpenMap(options.map, nudge));
   }
   viewer->api_ = std::make_unique<HttpApi>(*viewer->map_, viewer->sum_levels_);
   asio::co_spawn(io, viewer->KeepUpToDate(), asio::detached);
@@ -102,6 +102,8 @@ asio::awaitable<void> Viewer::KeepUpToDate() {
 }
 
 bool Viewer::Refresh() {
+  // First, so that the map of the time that pages are told is there.
+  if (const auto times = map_->Times()) sections_.Set(Sections::kTimes, TimesJson(*times));
   const std::shared_ptr<const MapView> view = map_->View();
   knot_interval_m_ = view->options.knot_interval_m;
   const bool is_at_work = AdvanceSurfaces(map_->Layers(), *view);
@@ -116,7 +118,8 @@ bool Viewer::Refresh() {
 
 // True where some work on coarser levels is left.
 bool Viewer::AdvanceSurfaces(const LayerSet& set, const MapView& view) {
-  const int64_t utime_ms = HostUtime() / 1000;
+  // A file does not change; what differs at another time is no news.
+  const int64_t utime_ms = bus_ == nullptr ? 0 : HostUtime() / 1000;
   std::set<std::string> wanted{kSum};
   for (const std::shared_ptr<Browser>& browser : browsers_) {
     if (!browser->view.request()) continue;
@@ -174,6 +177,10 @@ void Viewer::Leave(const std::shared_ptr<Browser>& browser) {
 
 absl::Status Viewer::Handle(Browser& browser, std::string_view message) {
   SPLINEMAP_RETURN_IF_ERROR(browser.view.Handle(message));
+  if (const auto& request = browser.view.time_request()) {
+    map_->ShowAt(request->utime);
+    Nudge();
+  }
   // A layer that nobody looked at so far is taken up before the page is told that it has all.
   if (const auto& request = browser.view.request()) {
     const LayerSet set = map_->Layers();

@@ -310,6 +310,24 @@ TEST_F(BrowserViewTest, SectionsComeWhenTheyChange) {
   EXPECT_FALSE(second->text.contains("map"));
 }
 
+TEST_F(BrowserViewTest, ATimeIsThatOfTheLastMessage) {
+  EXPECT_FALSE(view_.time_request().has_value());
+  ASSERT_TRUE(view_.Handle(R"({"at_utime":1796000000000000})").ok());
+  EXPECT_EQ(view_.time_request()->utime, Utime(1796000000000000));
+  ASSERT_TRUE(view_.Handle(R"({"at_utime":null})").ok());
+  EXPECT_EQ(view_.time_request()->utime, std::nullopt);
+  ASSERT_TRUE(view_.Handle(R"({"at_utime":18446744073709551615})").ok());
+  EXPECT_EQ(view_.time_request()->utime, Utime::max());
+  ASSERT_TRUE(view_.Handle(R"({"at_utime":-9223372036854775808})").ok());
+  EXPECT_EQ(view_.time_request()->utime, Utime::min());
+  ASSERT_TRUE(view_.Handle(R"({"ack":0})").ok());
+  EXPECT_FALSE(view_.time_request().has_value());
+  for (const char* time : {"\"now\"", "1.5", "1e300", "-1e999", "true", "[1]", "{}", ""}) {
+    EXPECT_FALSE(view_.Handle(fmt::format(R"({{"at_utime":{}}})", time)).ok()) << time;
+    EXPECT_FALSE(view_.time_request().has_value()) << time;
+  }
+}
+
 TEST_F(BrowserViewTest, WhatIsNoMessageOfThePageIsRefused) {
   for (const char* message :
        {"", "x", "[]", "1", "\"ack\"", R"({"ack":"1"})", R"({"view":1})", R"({"view":{"x0_m":0}})",

@@ -40,7 +40,7 @@ class HttpApiTest : public testing::Test {
     ASSERT_TRUE(file.ok());
     ASSERT_TRUE(file->Save(writer.Layers()).ok());
     ASSERT_TRUE(file->Close().ok());
-    auto map = OpenMap(directory_.File("map"));
+    auto map = OpenMap(directory_.File("map"), [] {});
     ASSERT_TRUE(map.ok()) << map.status();
     map_ = *std::move(map);
     SurfaceLevels levels;
@@ -172,8 +172,8 @@ TEST_F(HttpApiTest, ADamagedFileIsNotShownInSilence) {
   std::string bytes = *ReadFile(directory_.File("map"));
   for (size_t k = bytes.size() / 2; k < bytes.size(); ++k) bytes[k] = 'x';
   ASSERT_TRUE(WriteFile(directory_.File("damaged"), bytes).ok());
-  EXPECT_FALSE(OpenMap(directory_.File("damaged")).ok());
-  EXPECT_TRUE(absl::IsNotFound(OpenMap(directory_.File("none")).status()));
+  EXPECT_FALSE(OpenMap(directory_.File("damaged"), [] {}).ok());
+  EXPECT_TRUE(absl::IsNotFound(OpenMap(directory_.File("none"), [] {}).status()));
 }
 
 TEST_F(HttpApiTest, SectionsOfAFileAreJson) {
