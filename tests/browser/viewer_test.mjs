@@ -1,6 +1,7 @@
 // The page of splinemap-viewer in a browser, beside a daemon, on the bus of LCM_DEFAULT_URL. In the
 // current folder is office.lcmlog, a simulated drive. The cases go on from each other.
 import assert from "node:assert/strict";
+import { readFileSync, writeFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import { chromium } from "playwright-core";
 import { Program, ViewerProgram, output, until } from "./programs.mjs";
@@ -101,9 +102,10 @@ function samplePixels(of, count) {
 }
 
 // What splinemap query says of points in a saved map.
-function query(map, points) {
+function query(map, points, ...flags) {
   const input = points.map(({ x_m, y_m }) => `${x_m},${y_m}\n`).join("");
-  const lines = output("splinemap", ["query", map, "--points", "-"], { input }).trim().split("\n");
+  const args = ["query", map, "--points", "-", ...flags];
+  const lines = output("splinemap", args, { input }).trim().split("\n");
   return lines.map((line) => {
     const [, , log_odds, probability, dx, dy, known] = line.split(",").map(Number);
     return { log_odds, probability, gradient_per_m: Math.hypot(dx, dy), known: known === 1 };
@@ -111,10 +113,10 @@ function query(map, points) {
 }
 
 // The picture is what the saved map says, within one grey level.
-async function comparePixels(of, view) {
+async function comparePixels(of, view, map = "office.splinemap", ...flags) {
   await see(of, view);
   const pixels = await samplePixels(of, 12_000);
-  const samples = query("office.splinemap", pixels);
+  const samples = query(map, pixels, ...flags);
   assert.equal(samples.length, pixels.length);
   const counts = { known: 0, unknown: 0, edge: 0 };
   pixels.forEach(({ x_m, y_m, rgb }, k) => {
@@ -175,6 +177,7 @@ test("a drive appears while it goes on", async () => {
   await untilStatus(page, "Live");
   assert.equal(await page.locator("#banner").isVisible(), false);
   assert.match(await text(page, "layers"), /robot.*mapped here/);
+  assert.equal(await page.locator("#times").isVisible(), false, "the bus has the map of now alone");
 
   // What lies over the map goes with its box.
   for (const shown of ["scans", "trails", "robots"]) {
@@ -182,7 +185,7 @@ test("a drive appears while it goes on", async () => {
     const before_px = await overlayPixels(page);
     await box.uncheck();
     await until(`without ${shown}`, async () => (await overlayPixels(page)) < before_px - 50);
-    if (shown === "scans") assert.equal(await overlayPixels(page, kScan), 0);
+    if (shown === "scans") await until("no hits", async () => (await overlayPixels(page, kScan)) === 0);
   }
   assert.equal(await overlayPixels(page), 0);
   for (const shown of ["scans", "trails", "robots"]) await page.locator(`[data-shown=${shown}]`).check();
@@ -378,5 +381,127 @@ test("names of the bus never become markup", async () => {
   } finally {
     await open_viewer.end();
     await hostile.end();
+  }
+});
+
+// The bytes of splinemap render and of the viewer's /map.png, of the same pixels.
+async function renderBoth(of, map, ...flags) {
+  const render = new Program("splinemap", "render", map, "rendered.png", "--force", "--px-per-knot", "2", ...flags);
+  await render.ended;
+  const grid = /(\d+) x (\d+) pixels of 0.025 m, left (\S+) m, top (\S+) m/.exec(render.log).slice(1).map(Number);
+  const [width, height] = grid;
+  const [left_m, top_m] = grid.slice(2).map((edge_m) => (Math.round(edge_m / 0.05 - 0.5) + 0.5) * 0.05); // not rounded
+  const box = [left_m, top_m - 0.025 * height + 1e-6, left_m + 0.025 * width, top_m].join(",");
+  const bytes = await of.evaluate(async (asked) => {
+    const answer = await fetch(asked);
+    return [...new Uint8Array(await answer.arrayBuffer())];
+  }, `map.png?bbox=${box}&px=${width}`);
+  return [readFileSync("rendered.png"), Buffer.from(bytes)];
+}
+
+async function expectMapOf(of, map, ...flags) {
+  const [rendered, served] = await renderBoth(of, map, ...flags);
+  assert.ok(rendered.equals(served), `map.png is not splinemap render ${flags.join(" ")}`);
+  await comparePixels(of, { centre_x_m: 12, centre_y_m: 6.5, metres_per_pixel: 0.0251 }, map, ...flags);
+}
+
+const shownUtime = (of) => hook(of, "shownUtime");
+
+test("a slider shows the map of a file as it was", async () => {
+  output("splinemap", ["build", "office.lcmlog", "past.splinemap", ...kSensors, "--name", "robot"]);
+  const file_viewer = new ViewerProgram({ flags: ["past.splinemap"] });
+  try {
+    const file_url = await file_viewer.url();
+    const shown = await open(file_url);
+    const slider = shown.locator("#time");
+    await untilStatus(shown, "File");
+    assert.match(await slider.getAttribute("aria-valuetext"), /^Now, 00:0\d:\d\d\.\d on the robot/);
+    await expectMapOf(shown, "past.splinemap");
+
+    await slider.fill("500");
+    const middle = await until("the map of then", () => shownUtime(shown));
+    await untilStatus(shown, "Past");
+    assert.match(await text(shown, "time-text"), /^00:0\d:\d\d\.\d on the robot's clock$/);
+    await expectMapOf(shown, "past.splinemap", "--at", String(middle));
+    await picture(shown, "past");
+
+    // Other pages see the same, and go with it.
+    const other = await open(file_url, { viewport: { width: 390, height: 844 }, colorScheme: "dark", hasTouch: true });
+    await untilStatus(other, "Past");
+    assert.equal(await shownUtime(other), middle);
+    assert.equal(await other.locator("#time").inputValue(), "500");
+    await picture(other, "past_dark_390");
+    await other.locator("#time").tap();
+    await other.locator("#time-now").tap();
+    await untilStatus(shown, "File");
+    await until("the slider is at its end", async () => (await slider.inputValue()) === "1000");
+    await expectMapOf(shown, "past.splinemap");
+
+    // Keys.
+    await slider.focus();
+    const steps = [];
+    for (const [key, isThere] of [["Home", (at) => at !== null], ["ArrowRight", (at) => at > steps[0]],
+                                  ["PageUp", (at) => at > steps[1]], ["ArrowLeft", (at) => at < steps[2]],
+                                  ["End", (at) => at === null]]) {
+      await shown.keyboard.press(key);
+      await until(`${key} moves the slider`, async () => isThere(await shownUtime(shown)));
+      steps.push(await shownUtime(shown));
+    }
+    await expectMapOf(shown, "past.splinemap");
+
+    // What no page says is refused, what lies beyond the scans is the nearest that there is.
+    const say = (message) => other.evaluate(([to, said]) => new Promise((resolve) => {
+      const socket = new WebSocket(to);
+      socket.onopen = () => socket.send(said);
+      socket.onclose = ({ code }) => resolve(code);
+      socket.onmessage = () => setTimeout(() => resolve("taken"), 200);
+    }), [`${file_url.replace("http", "ws")}live`, `{"at_utime":${message}}`]);
+    for (const nonsense of ['"now"', "1.5", "1e300", "[1]", "{}", "true", ""]) {
+      assert.equal(await say(nonsense), 1008, nonsense);
+    }
+    assert.equal(await say("-9223372036854775808"), "taken");
+    await until("the first scan", async () => (await shownUtime(shown)) === steps[0]);
+    assert.equal(await say("18446744073709551615"), "taken");
+    await until("now", async () => (await shownUtime(shown)) === null);
+    // Many at once: the last one counts.
+    await other.evaluate(([to, at]) => {
+      const socket = new WebSocket(to);
+      socket.onopen = () => {
+        for (let k = 0; k < 2000; ++k) socket.send(`{"at_utime":${(k * 7919) % (2 * at)}}`);
+        socket.send(`{"at_utime":${at}}`);
+      };
+    }, [`${file_url.replace("http", "ws")}live`, middle]);
+    await until("the last of many", async () => (await shownUtime(shown)) === middle);
+    await expectMapOf(shown, "past.splinemap", "--at", String(middle));
+    await other.context().close();
+    assert.deepEqual(errors, []);
+    assert.equal(await file_viewer.end(), 0, "it ends well while somebody looks");
+  } finally {
+    await file_viewer.end();
+  }
+});
+
+test("a map that cannot be made as it was is told", async () => {
+  writeFileSync("tiles.textproto", "service { max_archive_mb: 0 }\n");
+  output("splinemap", ["build", "office.lcmlog", "tiles.splinemap", ...kSensors, "--name", "tiles",
+                       "--config", "tiles.textproto"]);
+  output("splinemap", ["merge", "past.splinemap", "tiles.splinemap", "--out", "both.splinemap"]);
+  for (const [map, hasSlider] of [["tiles.splinemap", false], ["both.splinemap", true]]) {
+    const file_viewer = new ViewerProgram({ flags: [map] });
+    try {
+      const shown = await open(await file_viewer.url());
+      await untilStatus(shown, "File");
+      assert.equal(await shown.locator("#times").isVisible(), hasSlider, map);
+      if (!hasSlider) continue;
+      await shown.locator("#time").fill("500");
+      await until("the page says why", async () => (await text(shown, "banner")).includes("keeps no scans of it"));
+      assert.match(await text(shown, "banner"), /cannot be made.*layer tiles.*the map of now\./s);
+      await picture(shown, "past_cannot_be_made");
+      await shown.locator("#time-now").click();
+      await until("nothing is wrong", async () => !(await shown.locator("#banner").isVisible()));
+      await shown.context().close();
+    } finally {
+      await file_viewer.end();
+    }
   }
 });

@@ -50,6 +50,11 @@ export class Connection {
     this.send({ view });
   }
 
+  // Null: now.
+  sendTime(at_utime: number | null): void {
+    this.send({ at_utime });
+  }
+
   isOpen(): boolean {
     return this.socket?.readyState === WebSocket.OPEN;
   }

@@ -29,6 +29,15 @@ export interface MapInfo {
   refused: string[];
 }
 
+// Of a file that keeps scans: the map can be shown as it was at the time of each.
+export interface MapTimes {
+  first_utime: number; // of the scans, in us
+  last_utime: number;
+  shown_utime: number | null; // null: now
+  wanted_utime: number | null; // the same, but while that map is made
+  problem: string; // why it cannot be made
+}
+
 export interface Layer {
   key: string;
   name: string;
@@ -112,6 +121,7 @@ export interface TileNews {
 interface FrameJson {
   frame: number;
   map?: MapInfo;
+  times?: MapTimes;
   layers?: Layer[];
   daemons?: Daemon[];
   poses?: Pose[];

@@ -5,7 +5,7 @@ export function listenToKeys(actions: KeyActions): void {
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     if (document.querySelector("dialog[open]")) return;
-    if (event.key !== "Escape" && isTyping(event.target)) return;
+    if (event.key !== "Escape" && isTyping(event.target, event.key)) return;
     const action = actions[event.key];
     if (!action) return;
     event.preventDefault();
@@ -13,6 +13,7 @@ export function listenToKeys(actions: KeyActions): void {
   });
 }
 
-function isTyping(target: EventTarget | null): boolean {
-  return target instanceof HTMLInputElement && target.type !== "checkbox";
+function isTyping(target: EventTarget | null, key: string): boolean {
+  if (!(target instanceof HTMLInputElement) || target.type === "checkbox") return false;
+  return target.type !== "range" || key.length > 1; // arrows and the like move a slider
 }

@@ -1,4 +1,4 @@
-import { Box, Daemon, Frame, Layer, MapInfo, Path, Pose, Scan } from "./frame";
+import { Box, Daemon, Frame, Layer, MapInfo, MapTimes, Path, Pose, Scan } from "./frame";
 
 const kMaxTrailPoints = 5000;
 const kMaxTrails = 32;
@@ -13,6 +13,7 @@ export interface Trail {
 // The newest of everything that the server told, tiles apart.
 export class LiveState {
   map: MapInfo | null = null;
+  times: MapTimes | null = null;
   layers: Layer[] = [];
   daemons: Daemon[] = [];
   poses: Pose[] = [];
@@ -23,6 +24,7 @@ export class LiveState {
 
   take(frame: Frame): void {
     this.map = frame.map ?? this.map;
+    this.times = frame.times ?? this.times;
     this.layers = frame.layers ?? this.layers;
     this.daemons = frame.daemons ?? this.daemons;
     this.scans = frame.scans ?? this.scans;

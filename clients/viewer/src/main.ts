@@ -16,6 +16,7 @@ import { SurfaceChoice } from "./surface_choice";
 import { TestHook } from "./test_hook";
 import { ThemeChoice } from "./theme";
 import { TileStore } from "./tile_store";
+import { TimeSlider } from "./time_slider";
 import { ToolName, Tools } from "./tools";
 import { Surface, boxInTiles, requestFor, serves } from "./view_request";
 import { place, statusOf } from "./words";
@@ -43,6 +44,7 @@ class Viewer {
   private readonly overlay = new Overlay(byId<HTMLCanvasElement>("overlay"), this.camera);
   private readonly panels: Panels;
   private readonly connection: Connection;
+  private readonly timeSlider = new TimeSlider((utime) => this.connection.sendTime(utime));
   private readonly viewChoice = new Choice(byId("views"), "view", (v) =>
     this.setView(v as ViewName),
   );
@@ -98,15 +100,18 @@ class Viewer {
 
   private take(frame: Frame): void {
     const { revision } = this.live.map ?? {};
+    const before = this.live.times;
     if (frame.map && frame.map.name !== this.mapName) this.follows = true;
     this.mapName = frame.map?.name ?? this.mapName;
     const bounds = JSON.stringify(this.live.bounds());
     this.live.take(frame);
+    const isOtherTime = before !== null && before.shown_utime !== this.live.times?.shown_utime;
+    if (isOtherTime) this.follows = false; // the map is compared with that of before
     this.noteNewest(frame);
     this.store.take(frame);
     if (this.follows && (!this.request || JSON.stringify(this.live.bounds()) !== bounds))
       this.fit();
-    if (frame.map && frame.map.revision !== revision) this.tools.mapChanged();
+    if (isOtherTime || (frame.map && frame.map.revision !== revision)) this.tools.mapChanged();
     if (frame.layers && this.view === "last_seen") this.showSurfaces();
     this.askForView();
     this.showState();
@@ -283,6 +288,7 @@ class Viewer {
     showStatus(statusOf(this.connectionState, this.live));
     setText(byId("map-name"), this.mapName);
     byId("map-name").title = this.mapName;
+    this.timeSlider.show(this.live.times);
     for (const element of document.querySelectorAll<HTMLElement>(
       "[data-tool=goal], [data-commands]",
     )) {
@@ -432,6 +438,9 @@ class Viewer {
       },
       get revision() {
         return viewer.live.map?.revision ?? 0;
+      },
+      get shownUtime() {
+        return viewer.live.times?.shown_utime ?? null;
       },
       get lastError() {
         return viewer.lastError;

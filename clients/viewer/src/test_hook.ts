@@ -13,6 +13,7 @@ export interface TestHook {
   readonly level: number;
   readonly surfaces: readonly string[];
   readonly revision: number; // of the map
+  readonly shownUtime: number | null; // of the map; null: now
   readonly lastError: string; // "": none yet
   readonly view: View;
   worldToPixel(x_m: number, y_m: number): Pixel;

@@ -2,7 +2,7 @@
 
 import { CheckAnswer } from "./api";
 import { ConnectionState } from "./connection";
-import { Daemon, Layer, MapInfo } from "./frame";
+import { Daemon, Layer, MapInfo, MapTimes } from "./frame";
 import { LiveState } from "./live_state";
 
 const kProblems: Record<string, string> = {
@@ -112,7 +112,7 @@ export function statusOf(connection: ConnectionState, live: LiveState): Status {
   if (trouble) return trouble;
   const { map } = live;
   if (!map) return status("busy", "Connecting", "Waiting for the map");
-  if (map.source === "file") return fileStatus(map);
+  if (map.source === "file") return fileStatus(map, live.times);
   return busTrouble(map, live) ?? status("ok", "Live");
 }
 
@@ -133,8 +133,16 @@ function connectionTrouble(connection: ConnectionState): Status | null {
   }
 }
 
-function fileStatus(map: MapInfo): Status {
-  if (map.bounds) return status("ok", "File");
+function fileStatus(map: MapInfo, times: MapTimes | null): Status {
+  const isPast = times !== null && times.shown_utime !== null;
+  const word = isPast ? "Past" : "File";
+  if (times?.problem) {
+    const shown = isPast ? timeText(times.shown_utime!, false) : "now";
+    const lines = [`${times.problem}.`, `What is shown is the map of ${shown}.`];
+    return status("warn", word, "The map of then cannot be made", lines);
+  }
+  if (isPast) return status("warn", word, map.bounds ? "" : "Nothing was mapped by then");
+  if (map.bounds) return status("ok", word);
   return status("warn", "File", "This map is empty", ["Nothing was mapped into the file."]);
 }
 
@@ -189,6 +197,23 @@ function reasonOf(daemon: Daemon): string {
   return worst
     ? `${received}: ${worst.count} dropped, ${dropPhrase(worst.reason)}.`
     : `${received}.`;
+}
+
+export function isBeingMade({ shown_utime, wanted_utime, problem }: MapTimes): boolean {
+  return wanted_utime !== shown_utime && !problem;
+}
+
+const kDay_us = 86_400e6;
+
+// In UTC, as --at takes it. Clocks without a date count from their start.
+export function timeText(utime: number, hasTenths: boolean): string {
+  const time = new Date(utime / 1000);
+  if (Number.isNaN(time.getTime())) return `${utime} µs`; // beyond the dates that there are
+  const tenths = /T([\d:]+\.\d)/.exec(time.toISOString())![1]!;
+  const clock = hasTenths ? tenths : tenths.slice(0, -2);
+  if (utime < kDay_us) return `${clock} on the robot's clock`;
+  const options = { day: "numeric", month: "long", year: "numeric", timeZone: "UTC" } as const;
+  return `${time.toLocaleDateString("en-GB", options)}, ${clock} UTC`;
 }
 
 export function checkSentence(answer: CheckAnswer, radius_m: number, length_m: number): string {
