@@ -9,6 +9,7 @@
 #include "lib/wire/decode.h"
 #include "lib/wire/message_type.h"
 #include "lib/wire/sensor_messages.h"
+#include "splinemap/fixed_pose2.h"
 
 namespace splinemap {
 namespace {
@@ -113,6 +114,8 @@ void BusWatch::HandleLayers(absl::Span<const uint8_t> message) {
     const bool is_better = known == state_.layers.end() ||
                            RankOf(layer.state) >= RankOf(known->second.value.status.state) ||
                            now - known->second.time > std::chrono::seconds(3);
+    const Pose2 frame{{layer.frame_x_m, layer.frame_y_m}, layer.frame_yaw_rad};
+    if (layer.state == "own" && FixedPose2::IsInRange(frame)) Put(state_.frames, id, frame);
     if (is_better) Put(state_.layers, id, BusLayer{layer, layers->name});
   }
 }

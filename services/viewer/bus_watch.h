@@ -49,6 +49,8 @@ struct BusState {
   std::map<std::string, Heard<std::vector<Eigen::Vector2d>>> paths;  // in metres
   std::map<int64_t, Heard<status_t>> daemons;                        // by nonce
   std::map<LayerId, Heard<BusLayer>> layers;
+  // From the frame of its owner's poses to that of the layer, as the owner says.
+  std::map<LayerId, Heard<Pose2>> frames;
 };
 
 // Listens to a bus in a thread of its own. Thread-safe.

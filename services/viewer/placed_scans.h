@@ -13,7 +13,7 @@
 
 namespace splinemap {
 
-// Where a scan hit, and its sensor, in the map frame.
+// Where a scan hit, and its sensor, in the frame of the poses.
 struct ShownScan {
   Eigen::Vector2d sensor_m = Eigen::Vector2d::Zero();
   std::vector<Eigen::Vector2d> hits_m;

@@ -6,8 +6,6 @@
 
 #include "fmt/format.h"
 #include "lib/map/placed_tile.h"
-#include "splinemap/layer_settings.h"
-#include "splinemap/pose2.h"
 
 namespace splinemap {
 namespace {
@@ -162,27 +160,43 @@ std::string DaemonsJson(const BusState& bus) {
   return Dump(rows);
 }
 
-std::string PosesJson(const BusState& bus) {
+Pose2 MapFromPoses(const BusState& bus, const SettingsTable& settings) {
+  const Heard<status_t>* robot = nullptr;
+  for (const auto& [nonce, daemon] : bus.daemons) {
+    if (daemon.value.poses_received == 0) continue;
+    if (robot != nullptr && robot->value.name != daemon.value.name) return {};
+    if (robot == nullptr || robot->time < daemon.time) robot = &daemon;
+  }
+  if (robot == nullptr) return {};
+  const LayerId id{robot->value.name, static_cast<uint64_t>(robot->value.origin)};
+  const auto frame = bus.frames.find(id);
+  if (frame == bus.frames.end()) return {};
+  return settings.Of(id).placement.ToPose() * frame->second.value;
+}
+
+std::string PosesJson(const BusState& bus, const Pose2& map_T_poses) {
   json rows = json::array();
   for (const auto& [channel, heard] : bus.poses) {
+    const Pose2 pose = map_T_poses * heard.value;
     rows.push_back({{"channel", channel},
-                    {"x_m", Rounded(heard.value.position_m.x())},
-                    {"y_m", Rounded(heard.value.position_m.y())},
-                    {"yaw_rad", WrapAngle(heard.value.yaw_rad)},
+                    {"x_m", Rounded(pose.position_m.x())},
+                    {"y_m", Rounded(pose.position_m.y())},
+                    {"yaw_rad", WrapAngle(pose.yaw_rad)},
                     {"heard_s_ago", SecondsSince(heard.time)}});
   }
   return Dump(rows);
 }
 
-std::string ScansJson(const BusState& bus) {
+std::string ScansJson(const BusState& bus, const Pose2& map_T_poses) {
   json rows = json::array();
   for (const auto& [channel, heard] : bus.scans) {
-    rows.push_back(
-        {{"channel", channel},
-         {"sensor",
-          {{"x_m", Rounded(heard.value.sensor_m.x())}, {"y_m", Rounded(heard.value.sensor_m.y())}}},
-         {"points_m", ToJson(heard.value.hits_m)},
-         {"heard_s_ago", SecondsSince(heard.time)}});
+    const Eigen::Vector2d sensor_m = map_T_poses * heard.value.sensor_m;
+    std::vector<Eigen::Vector2d> hits_m = heard.value.hits_m;
+    for (Eigen::Vector2d& hit_m : hits_m) hit_m = map_T_poses * hit_m;
+    rows.push_back({{"channel", channel},
+                    {"sensor", {{"x_m", Rounded(sensor_m.x())}, {"y_m", Rounded(sensor_m.y())}}},
+                    {"points_m", ToJson(hits_m)},
+                    {"heard_s_ago", SecondsSince(heard.time)}});
   }
   return Dump(rows);
 }

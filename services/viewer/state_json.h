@@ -4,6 +4,8 @@
 
 #include "services/viewer/bus_watch.h"
 #include "services/viewer/shown_map.h"
+#include "splinemap/layer_settings.h"
+#include "splinemap/pose2.h"
 #include "splinemap/region.h"
 
 namespace splinemap {
@@ -25,8 +27,11 @@ std::string MapJson(const MapFacts& facts, const ShownMap& map, const MapView& v
 std::string LayersJson(const ShownMap& map, const BusState* bus);
 std::string TimesJson(const MapTimes& times);
 std::string DaemonsJson(const BusState& bus);
-std::string PosesJson(const BusState& bus);
-std::string ScansJson(const BusState& bus);
+// From the frame of the poses on the bus to that of the map. Known where the daemons that hear
+// poses are of one robot; with several nobody says whose a channel is, and it is none.
+Pose2 MapFromPoses(const BusState& bus, const SettingsTable& settings);
+std::string PosesJson(const BusState& bus, const Pose2& map_T_poses);
+std::string ScansJson(const BusState& bus, const Pose2& map_T_poses);
 std::string PathsJson(const BusState& bus);
 
 }  // namespace splinemap

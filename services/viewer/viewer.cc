@@ -152,8 +152,9 @@ void Viewer::SetSections(const MapView& view) {
   const BusState bus = bus_->State();
   sections_.Set(Sections::kLayers, LayersJson(*map_, &bus));
   sections_.Set(Sections::kDaemons, DaemonsJson(bus));
-  sections_.Set(Sections::kPoses, PosesJson(bus));
-  sections_.Set(Sections::kScans, ScansJson(bus));
+  const Pose2 map_T_poses = MapFromPoses(bus, map_->Layers().settings);
+  sections_.Set(Sections::kPoses, PosesJson(bus, map_T_poses));
+  sections_.Set(Sections::kScans, ScansJson(bus, map_T_poses));
   sections_.Set(Sections::kPaths, PathsJson(bus));
 }
 

@@ -505,3 +505,32 @@ test("a map that cannot be made as it was is told", async () => {
     }
   }
 });
+
+test("a robot is drawn where its daemon places it", async () => {
+  await daemon.end();
+  daemon = new Program("splinemapd", "--map", "placed.splinemap", "--name", "robot", "--frame", "30,-5,90", ...kSensors);
+  const placed_viewer = new ViewerProgram({ flags: kSensors });
+  try {
+    const shown = await open(await placed_viewer.url());
+    const drive = new Program("lcm-logplayer", "-s", "20", "office.lcmlog");
+    await until("hits of the scan", async () => (await overlayPixels(shown, kScan)) > 50);
+    await drive.ended;
+    output("splinemap", ["snapshot", "office_placed.splinemap"]);
+    const hits = await shown.evaluate(() => new Promise((resolve) => {
+      const socket = new WebSocket(new URL("live", location.href.replace("http", "ws")));
+      socket.binaryType = "arraybuffer";
+      socket.onmessage = ({ data }) => {
+        const length = new DataView(data).getUint32(0, true);
+        const { scans } = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+        const { points_m } = scans[0];
+        resolve(Array.from({ length: points_m.length / 2 }, (_, k) => ({ x_m: points_m[2 * k], y_m: points_m[2 * k + 1] })));
+      };
+    }));
+    const samples = query("office_placed.splinemap", hits);
+    const near = samples.filter(({ log_odds, known }) => known && log_odds > -4).length;
+    assert.ok(hits.length > 100 && near > 0.9 * hits.length, `${near} of ${hits.length} hits are at walls`);
+    await picture(shown, "placed");
+  } finally {
+    await placed_viewer.end();
+  }
+});
