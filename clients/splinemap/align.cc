@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,6 +19,7 @@
 #include "clients/splinemap/layer_rows.h"
 #include "clients/splinemap/map_source.h"
 #include "clients/splinemap/print.h"
+#include "clients/splinemap/progress.h"
 #include "clients/splinemap/typed_placement.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
@@ -48,8 +51,7 @@ struct AlignedMap {
 struct AlignedMaps {
   AlignedMap a;
   AlignedMap b;
-  // Where the layers of b are, and which they are.
-  LayerSet set_of_b;
+  LayerSet layers;  // among which are those of b
   std::vector<LayerId> layers_of_b;
   int exit_status = kSuccess;  // of a command that else succeeded
 };
@@ -68,32 +70,37 @@ absl::StatusOr<AlignedMap> LayerOf(const LayerSet& set, const std::string& text,
   return AlignedMap{text, id, ViewOf(alone)};
 }
 
-absl::StatusOr<AlignedMaps> OpenMaps(const MapSourceFlags& flags) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const auto words, ArgumentsAfterMap(flags));
-  if (words.size() != 2 && (flags.live || words.size() != 1)) {
+// What is corrupt would be saved as whole.
+absl::StatusOr<AlignedMaps> OpenMaps(const AlignFlags& flags) {
+  const MapSourceFlags& source = flags.source;
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto words, ArgumentsAfterMap(source));
+  if (words.size() != 2 && (source.live || words.size() != 1)) {
     return InvalidArgument(
         "give two map files, or two layers after a map file or --live; there are {} after it",
         words.size());
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(MapViewSource first, OpenMapView(flags));
+  SPLINEMAP_ASSIGN_OR_RETURN(MapViewSource first, OpenMapView(source));
   AlignedMaps maps;
   maps.exit_status = first.exit_status;
   if (words.size() == 2) {
-    const std::string where = flags.live ? "the bus" : flags.arguments.front();
+    const std::string where = source.live ? "the bus" : source.arguments.front();
     SPLINEMAP_ASSIGN_OR_RETURN(maps.a, LayerOf(first.layers, words[0], where));
     SPLINEMAP_ASSIGN_OR_RETURN(maps.b, LayerOf(first.layers, words[1], where));
-    maps.set_of_b = std::move(first.layers);
+    maps.layers = std::move(first.layers);
     maps.layers_of_b = {maps.b.layer};
-    return maps;
+  } else {
+    SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap second, ReadMapFile(words[0]));
+    maps.a.name = source.arguments.front();
+    maps.a.view = std::move(first.map);
+    maps.b.name = words[0];
+    maps.b.view = ViewOf(second.set);
+    maps.exit_status = std::max(maps.exit_status, ReportCorruption(second));
+    for (const LayerSnapshot& layer : second.set.layers) maps.layers_of_b.push_back(layer.id);
+    maps.layers = std::move(second.set);
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap second, ReadMapFile(words[0]));
-  maps.a.name = flags.arguments.front();
-  maps.a.view = std::move(first.map);
-  maps.b.name = words[0];
-  maps.b.view = ViewOf(second.set);
-  maps.exit_status = std::max(maps.exit_status, ReportCorruption(second));
-  for (const LayerSnapshot& layer : second.set.layers) maps.layers_of_b.push_back(layer.id);
-  maps.set_of_b = std::move(second.set);
+  if (flags.apply && maps.exit_status != kSuccess) {
+    return DataLoss("a map is corrupt, and nothing is written; splinemap verify shows what");
+  }
   return maps;
 }
 
@@ -118,6 +125,8 @@ void PrintAsJson(const AlignedMaps& maps, const Alignment& found) {
   json["runner_up"] = nullptr;
   if (found.runner_up) {
     json["runner_up"] = JsonOf(found.runner_up->a_T_b);
+    json["runner_up"]["agree_m"] = found.runner_up->agree_m;
+    json["runner_up"]["contradict_m"] = found.runner_up->contradict_m;
     json["runner_up"]["score_m"] = found.runner_up->score_m;
   }
   PrintJson(json);
@@ -127,15 +136,15 @@ void PrintAsJson(const AlignedMaps& maps, const Alignment& found) {
 double Rounded(double value, double unit) { return std::round(value / unit) * unit + 0.0; }
 
 std::string WordsFor(const Pose2& pose) {
-  return fmt::format("x {:.3f} m, y {:.3f} m, yaw {:.2f} degrees",
+  return fmt::format("x {:.3f} m, y {:.3f} m, yaw {:.3f} degrees",
                      Rounded(pose.position_m.x(), 0.001), Rounded(pose.position_m.y(), 0.001),
-                     Rounded(pose.yaw_rad / kDegree_rad, 0.01));
+                     Rounded(pose.yaw_rad / kDegree_rad, 0.001));
 }
 
 void PrintInWords(const AlignedMaps& maps, const Alignment& found) {
   PrintLine(stdout, "from the frame of {} to that of {}: {}", maps.b.name, maps.a.name,
             WordsFor(found.a_T_b));
-  PrintLine(stdout, "standard deviations: {:.3f} m, {:.3f} m, {:.2f} degrees",
+  PrintLine(stdout, "standard deviations: {:.4f} m, {:.4f} m, {:.3f} degrees",
             std::sqrt(found.covariance(0, 0)), std::sqrt(found.covariance(1, 1)),
             std::sqrt(found.covariance(2, 2)) / kDegree_rad);
   PrintLine(
@@ -164,40 +173,48 @@ absl::Status WritePicture(const AlignedMaps& maps, const Alignment& found,
   return absl::OkStatus();
 }
 
-std::string AsTyped(const FixedPose2& placement) {
+std::string TypedText(const FixedPose2& placement) {
   const TypedPlacement typed(placement);
   return fmt::format("{} {} {}", typed.x_m, typed.y_m, typed.yaw_deg);
 }
 
-// How to take a placement back.
-void PrintUndo(const std::string& where, const LayerId& id, const FixedPose2& before,
-               const std::string& rest) {
-  PrintLine(stderr, "where it was before: splinemap layer place {} {} {}{}", where, NameOf(id),
-            AsTyped(before), rest);
+void PrintPlaced(const LayerId& id, const FixedPose2& placement, const FixedPose2& before) {
+  PrintLine(stderr, "place {} {}; it was at {}", NameOf(id), TypedText(placement),
+            TypedText(before));
 }
 
 absl::Status ApplyToFile(const AlignFlags& flags, const Alignment& found, AlignedMaps& maps) {
   for (const LayerId& id : maps.layers_of_b) {
-    const FixedPose2 before = PlacementOf(*maps.set_of_b.Find(id), maps.set_of_b.settings.Of(id));
+    const FixedPose2 before = PlacementOf(*maps.layers.Find(id), maps.layers.settings.Of(id));
     const Pose2 placement = found.a_T_b * before.ToPose();
-    SPLINEMAP_RETURN_IF_ERROR(EditLayer(LayerCommand::kPlace, placement, id, maps.set_of_b));
-    PrintLine(stderr, "place {} {}", NameOf(id), AsTyped(FixedPose2::Nearest(placement)));
-    PrintUndo(flags.output.path, id, before, " --out BEFORE");
+    SPLINEMAP_RETURN_IF_ERROR(EditLayer(LayerCommand::kPlace, placement, id, maps.layers));
+    PrintPlaced(id, FixedPose2::Nearest(placement), before);
   }
-  return SaveAs(maps.set_of_b, flags.output.path);
+  return SaveAs(maps.layers, flags.output.path);
 }
 
 absl::Status ApplyLive(const AlignFlags& flags, const Alignment& found, const AlignedMaps& maps) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<LiveLayer> layers,
-                             FindLiveLayers(flags.source, {NameOf(maps.b.layer)}));
-  const LiveLayer& layer = layers.front();
-  SPLINEMAP_RETURN_IF_ERROR(EditLiveLayer(flags.source.bus, layer, LayerCommand::kPlace,
-                                          found.a_T_b * layer.placement.ToPose()));
-  PrintUndo("--live", layer.id, layer.placement, "");
+  MapSourceFlags source = flags.source;
+  source.robot.clear();  // names of layers are given
+  source.bus.timeout_s = 2;
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<LiveLayer> now,
+                             FindLiveLayers(source, {NameOf(maps.a.layer), NameOf(maps.b.layer)}));
+  for (const LiveLayer& layer : now) {
+    if (layer.session_number != maps.layers.Find(layer.id)->session.number ||
+        layer.on_read != maps.layers.settings.Of(layer.id).placement) {
+      return FailedPrecondition(
+          "{} was placed or made anew meanwhile, so nothing was placed; try again",
+          NameOf(layer.id));
+    }
+  }
+  const LiveLayer& b = now.back();
+  const Pose2 placement = found.a_T_b * b.placement.ToPose();
+  SPLINEMAP_RETURN_IF_ERROR(EditLiveLayer(flags.source.bus, b, LayerCommand::kPlace, placement));
+  PrintPlaced(b.id, FixedPose2::Nearest(placement), b.placement);
   return absl::OkStatus();
 }
 
-absl::StatusOr<int> AlignMaps(const AlignFlags& flags) {
+absl::Status CheckOutputs(const AlignFlags& flags) {
   if (!flags.picture.empty()) {
     if (!flags.picture.ends_with(".png")) {
       return InvalidArgument("{} does not end in .png", flags.picture);
@@ -205,26 +222,37 @@ absl::StatusOr<int> AlignMaps(const AlignFlags& flags) {
     SPLINEMAP_RETURN_IF_ERROR(
         CheckOutput({flags.picture, flags.output.force}, flags.source.arguments));
   }
-  if (flags.apply && !flags.source.live) {
-    if (flags.output.path.empty()) {
-      return InvalidArgument("give the map file to write with --out");
-    }
-    SPLINEMAP_RETURN_IF_ERROR(CheckMapOutput(flags.output, flags.source.arguments));
+  if (!flags.apply || flags.source.live) return absl::OkStatus();
+  if (flags.output.path.empty()) return InvalidArgument("give the map file to write with --out");
+  const auto path_of = [](const std::string& path) {
+    return std::filesystem::absolute(path).lexically_normal();
+  };
+  if (!flags.picture.empty() && path_of(flags.picture) == path_of(flags.output.path)) {
+    return InvalidArgument("the picture and the map are to be written to one file, {}",
+                           flags.picture);
   }
-  SPLINEMAP_ASSIGN_OR_RETURN(AlignedMaps maps, OpenMaps(flags.source));
-  SPLINEMAP_ASSIGN_OR_RETURN(const Alignment found,
-                             Align(*maps.a.view, *maps.b.view, flags.options));
+  return CheckMapOutput(flags.output, flags.source.arguments);
+}
+
+absl::StatusOr<int> AlignMaps(const AlignFlags& flags) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckOutputs(flags));
+  SPLINEMAP_ASSIGN_OR_RETURN(AlignedMaps maps, OpenMaps(flags));
+  AlignOptions options = flags.options;
+  std::optional<ProgressBar> bar("aligning");
+  options.on_progress = [&](double share) { bar->Show(share); };
+  SPLINEMAP_ASSIGN_OR_RETURN(const Alignment found, Align(*maps.a.view, *maps.b.view, options));
+  bar.reset();
   if (flags.json) {
     PrintAsJson(maps, found);
   } else {
     PrintInWords(maps, found);
   }
-  if (!flags.picture.empty()) {
-    SPLINEMAP_RETURN_IF_ERROR(WritePicture(maps, found, flags.picture));
-  }
   if (flags.apply) {
     SPLINEMAP_RETURN_IF_ERROR(flags.source.live ? ApplyLive(flags, found, maps)
                                                 : ApplyToFile(flags, found, maps));
+  }
+  if (!flags.picture.empty()) {
+    SPLINEMAP_RETURN_IF_ERROR(WritePicture(maps, found, flags.picture));
   }
   return maps.exit_status;
 }
@@ -244,10 +272,10 @@ yaw, counter-clockwise, then shift by x and y; how sure that is; and the next be
 may have different knot intervals. Layers are taken as they are placed in the map, also if they are
 muted. --at is about the first map alone.
 --apply places B, the layer or all layers of the file, in the frame of A, as splinemap layer place
-does, and prints the command that takes it back.
+does, with which they can be placed back to where they were, which it prints.
 Refuses rather than guesses: where too little agrees, too much contradicts, the maps can slide as in
-a corridor, or two places fit alike as in a symmetric room. Floors or rooms that are built alike can
-deceive it; --picture shows what it found.
+a corridor, one corner alone fits, or two places do as in a symmetric room or a row of equal rooms.
+Floors that are built alike can deceive it; --picture shows what it found.
 Exit status: 0 found; 1 refused, with the reason and the figures, or failed; 2 usage.)";
 
 }  // namespace
@@ -261,8 +289,7 @@ void AddAlign(CLI::App& app, Command& chosen) {
   AddJsonFlag(*command, flags->json);
   command
       ->add_option("--min-wall", flags->options.min_score_m,
-                   "m of wall that have to agree, beyond twice what contradicts (default 300 of "
-                   "the wider knot interval)")
+                   "m of wall that have to agree, beyond twice what contradicts (default 15)")
       ->type_name("M")
       ->check(CLI::Range(0.01, 1e6));
   command

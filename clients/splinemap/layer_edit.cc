@@ -24,7 +24,7 @@ absl::StatusOr<FixedPose2> PlaceExactly(const FixedPose2& placement, const Layer
   const std::shared_ptr<const ScanArchive> archive = set.Find(id)->archive;
   if (archive == nullptr) return placement;
   if (archive->num_scans() == 0 || !archive->base.IsEmpty()) {
-    return FixedPose2::Nearest(placement.ToPose() * Inverse(archive->map_T_world.ToPose()));
+    return placement / archive->map_T_world;
   }
   SPLINEMAP_RETURN_IF_ERROR(
       Refold(set, {NameOf(id)}, [&](const ScanArchive&) -> absl::StatusOr<ArchiveEdit> {
@@ -45,7 +45,7 @@ absl::StatusOr<std::vector<LiveLayer>> ReceiveNamedLayers(const MapSourceFlags& 
       if (layer.state == "removed") continue;
       const LayerRow row = RowOf(layer);
       const LiveLayer here{daemon.name, row.id, static_cast<uint64_t>(layer.session_number),
-                           row.placement};
+                           row.settings.placement, row.placement};
       // Its owner places it exactly.
       const bool is_owner = &layer == &daemon.layers.front() && layer.state == "own";
       if (is_owner) received.insert_or_assign(row.id, here);

@@ -20,6 +20,7 @@ struct LiveLayer {
   std::string daemon;  // its owner's, or else one that has it
   LayerId id;
   uint64_t session_number = 0;
+  FixedPose2 on_read;    // of its settings
   FixedPose2 placement;  // as PlacementOf()
 };
 // Those that `names` name; InvalidArgument where there is none, or several.

@@ -53,8 +53,8 @@ LayerRow RowOf(const layer_status_t& layer) {
   LayerRow row{{layer.settings.name, static_cast<uint64_t>(layer.settings.origin)},
                std::nullopt,
                FromMessage(layer.settings),
-               PlacementOf(FromMessage(layer.settings),
-                           {{layer.frame_x_m, layer.frame_y_m}, layer.frame_yaw_rad}),
+               FromMessage(layer.settings).placement *
+                   FixedPose2::Nearest({{layer.frame_x_m, layer.frame_y_m}, layer.frame_yaw_rad}),
                layer.state,
                layer.heard_s_ago,
                layer.is_approximate != 0};
@@ -113,14 +113,9 @@ std::vector<LayerRow> RowsOf(const LayerSet& map) {
   return rows;
 }
 
-FixedPose2 PlacementOf(const LayerSettings& settings, const Pose2& frame) {
-  if (settings.placement.IsIdentity()) return FixedPose2::Nearest(frame);
-  return FixedPose2::Nearest(settings.placement.ToPose() * frame);
-}
-
 FixedPose2 PlacementOf(const LayerSnapshot& layer, const LayerSettings& settings) {
-  return PlacementOf(settings,
-                     layer.archive == nullptr ? Pose2() : layer.archive->map_T_world.ToPose());
+  if (layer.archive == nullptr) return settings.placement;
+  return settings.placement * layer.archive->map_T_world;
 }
 
 std::string TextOf(const LayerSettings& settings, const FixedPose2& placement, bool is_there) {

@@ -48,9 +48,7 @@ LayerRow RowOf(const layer_status_t& layer);
 // Of the layers of a map, and then of those that only have settings.
 std::vector<LayerRow> RowsOf(const LayerSet& map);
 
-// Where the layer lies in the map: as its settings say, beyond the frame that its scans were mapped
-// in.
-FixedPose2 PlacementOf(const LayerSettings& settings, const Pose2& frame);
+// Where the robot's poses lie in the map: as the settings say, beyond the frame of the layer.
 FixedPose2 PlacementOf(const LayerSnapshot& layer, const LayerSettings& settings);
 
 // "muted, placed at 2, -0.1 m, 30 deg", "removed"; empty for the default settings. `is_there`: the

@@ -16,7 +16,33 @@ int64_t UnitsOf(double coordinate_m) {
   return RoundToInt(std::clamp(coordinate_m * FixedPose2::kUnitsPerMetre, -kMax, kMax));
 }
 
+// The position of b, turned.
+FixedPose2 Turned(const FixedPose2& b, int32_t yaw) {
+  FixedPose2 turn;
+  turn.yaw = yaw;
+  return FixedPose2::Nearest({turn.ToPose() * b.ToPose().position_m, 0});
+}
+
+int32_t WrappedSum(int32_t a, int32_t b) {
+  return static_cast<int32_t>(static_cast<uint32_t>(a) + static_cast<uint32_t>(b));
+}
+
+int32_t WrappedDifference(int32_t a, int32_t b) {
+  return static_cast<int32_t>(static_cast<uint32_t>(a) - static_cast<uint32_t>(b));
+}
+
 }  // namespace
+
+FixedPose2 operator*(const FixedPose2& a, const FixedPose2& b) {
+  const FixedPose2 turned = Turned(b, a.yaw);
+  return {a.x + turned.x, a.y + turned.y, WrappedSum(a.yaw, b.yaw)};
+}
+
+FixedPose2 operator/(const FixedPose2& product, const FixedPose2& b) {
+  const int32_t yaw = WrappedDifference(product.yaw, b.yaw);
+  const FixedPose2 turned = Turned(b, yaw);
+  return {product.x - turned.x, product.y - turned.y, yaw};
+}
 
 bool FixedPose2::IsInRange(const Pose2& pose) {
   // Also false for NaN.

@@ -21,14 +21,19 @@ using Eigen::Vector2d;
 
 constexpr double kDegree = std::numbers::pi / 180;
 
-// Knot intervals, unless options say otherwise.
-constexpr double kLeastScore = 300;
 // Share of all that agrees or contradicts.
-constexpr double kMostContradicted = 0.2;
-// Knot intervals of wall that have to hold the maps in each direction.
-constexpr double kLeastHold = 50;
-// Of the best score: a place that has more fits as well.
+constexpr double kMostContradicted = 0.25;
+// Metres of wall that have to hold the maps in each direction, and that have to agree beside the
+// two lines of a corner.
+constexpr double kLeastHold_m = 2.5;
+constexpr double kLeastBesideCorner_m = 5;
+// A place fits as well that has so much of the best score, or less of it and contradicts hardly
+// more: in a row of equal rooms the right place may be one where fewer of them overlap.
 constexpr double kAlike = 0.7;
+constexpr double kAlikeInPart = 0.5;
+constexpr double kHardlyMore = 0.03;
+// Maps of knots that differ more are not compared.
+constexpr double kMostKnotRatio = 10;
 // Poses that are closer are one place: knot intervals, radians.
 constexpr double kOtherPlace = 10;
 constexpr double kOtherHeading_rad = 5 * kDegree;
@@ -51,6 +56,7 @@ struct Match {
   // metres of wall stand across it.
   double slide_rad = 0;
   double hold_m = 0;
+  double beside_corner_m = 0;  // see AgreementBesideCorner()
 };
 
 std::string TextOf(const Pose2& pose) {
@@ -104,7 +110,8 @@ std::optional<Alignment::RunnerUp> FindRunnerUp(const MapPair& pair, const Place
   SurfaceFit fit;
   const Place fitted = FittedFrom(pair, other->a_T_b, fit);
   if (fitted.score_m() <= 0) return std::nullopt;
-  return Alignment::RunnerUp{fitted.a_T_b, fitted.score_m()};
+  return Alignment::RunnerUp{fitted.a_T_b, fitted.agreement.agree_m, fitted.agreement.contradict_m,
+                             fitted.score_m()};
 }
 
 double KnownArea(const MapSketch& sketch) {
@@ -127,8 +134,9 @@ void SetOverlap(const MapPair& pair, Alignment& alignment) {
   alignment.overlap = std::min(alignment.overlap_m2 / less_m2, 1.0);
 }
 
-absl::StatusOr<Match> FindMatch(const MapPair& pair) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<Pose2> candidates, SearchPoses(pair));
+absl::StatusOr<Match> FindMatch(const MapPair& pair, const AlignOptions& options) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<Pose2> candidates,
+                             SearchPoses(pair, options.on_progress));
   std::vector<Place> places;
   for (const Pose2& candidate : candidates) places.push_back(PulledFrom(pair, candidate));
   SortByScore(places);
@@ -137,6 +145,7 @@ absl::StatusOr<Match> FindMatch(const MapPair& pair) {
   SurfaceFit fit;
   const Place best = FittedFrom(pair, places.front().a_T_b, fit);
   SetSlide(best.agreement, match);
+  match.beside_corner_m = AgreementBesideCorner(pair, best.a_T_b);
   match.alignment = {.a_T_b = fit.a_T_b,
                      .agree_m = best.agreement.agree_m,
                      .contradict_m = best.agreement.contradict_m,
@@ -165,8 +174,23 @@ Match Inverted(const Match& match) {
   return to;
 }
 
-absl::Status Judge(const Match& match, double least_score_m, double knot_m) {
+double Contradicted(double agree_m, double contradict_m) {
+  return contradict_m / (agree_m + contradict_m);
+}
+
+bool IsAlike(const Alignment::RunnerUp& other, const Alignment& found) {
+  const double more = Contradicted(other.agree_m, other.contradict_m) -
+                      Contradicted(found.agree_m, found.contradict_m);
+  return other.score_m > (more <= kHardlyMore ? kAlikeInPart : kAlike) * found.score_m;
+}
+
+absl::Status Judge(const Match& match, double least_score_m) {
+  constexpr double kNothing_m = 1;
   const Alignment& found = match.alignment;
+  if (found.agree_m < kNothing_m) {
+    return FailedPrecondition(
+        "the maps have too little in common: there is no place at which their walls agree");
+  }
   if (found.score_m < least_score_m) {
     return FailedPrecondition(
         "the maps have too little in common: where they fit best ({}) they share {:.0f} m2, "
@@ -174,7 +198,7 @@ absl::Status Judge(const Match& match, double least_score_m, double knot_m) {
         "what contradicts",
         TextOf(found.a_T_b), found.overlap_m2, found.agree_m, found.contradict_m, least_score_m);
   }
-  const double contradicted = found.contradict_m / (found.agree_m + found.contradict_m);
+  const double contradicted = Contradicted(found.agree_m, found.contradict_m);
   if (contradicted > kMostContradicted) {
     return FailedPrecondition(
         "the maps contradict each other: where they fit best ({}) {:.1f} m of walls agree and "
@@ -182,19 +206,26 @@ absl::Status Judge(const Match& match, double least_score_m, double knot_m) {
         TextOf(found.a_T_b), found.agree_m, found.contradict_m, 100 * contradicted,
         100 * kMostContradicted);
   }
-  if (match.hold_m < kLeastHold * knot_m) {
+  if (match.hold_m < kLeastHold_m) {
     const double degrees = WrapAngle(match.slide_rad) / kDegree;
     return FailedPrecondition(
         "the maps fit, but slide along the direction of {:.0f} degrees, as in a corridor: of "
         "{:.1f} m of walls that agree, {:.1f} m stand across it; {:.1f} m have to",
-        degrees < 0 ? degrees + 180 : degrees, found.agree_m, match.hold_m, kLeastHold * knot_m);
+        degrees < 0 ? degrees + 180 : degrees, found.agree_m, match.hold_m, kLeastHold_m);
   }
-  if (found.runner_up && found.runner_up->score_m > kAlike * found.score_m) {
+  if (match.beside_corner_m < kLeastBesideCorner_m) {
     return FailedPrecondition(
-        "two places fit alike: {} ({:.1f} m of walls) and {} ({:.1f} m); the second may have "
-        "{:.0f} % of the first",
-        TextOf(found.a_T_b), found.score_m, TextOf(found.runner_up->a_T_b),
-        found.runner_up->score_m, 100 * kAlike);
+        "one corner alone fits, and any other may fit as well: of {:.1f} m of walls that agree, "
+        "{:.1f} m are beside its two lines; {:.1f} m have to be",
+        found.agree_m, match.beside_corner_m, kLeastBesideCorner_m);
+  }
+  if (found.runner_up && IsAlike(*found.runner_up, found)) {
+    const Alignment::RunnerUp& other = *found.runner_up;
+    return FailedPrecondition(
+        "two places fit: {} ({:.1f} m of walls agree, {:.1f} m contradict) and {} ({:.1f} m, "
+        "{:.1f} m)",
+        TextOf(found.a_T_b), found.agree_m, found.contradict_m, TextOf(other.a_T_b), other.agree_m,
+        other.contradict_m);
   }
   return absl::OkStatus();
 }
@@ -208,20 +239,25 @@ absl::StatusOr<MapSketch> SketchOf(const MapView& map, const MatchScale& scale, 
 }  // namespace
 
 absl::StatusOr<Alignment> Align(const MapView& a, const MapView& b, const AlignOptions& options) {
-  const MatchScale scale{std::max(a.options.knot_interval_m, b.options.knot_interval_m)};
+  const auto [finer_m, wider_m] = std::minmax(a.options.knot_interval_m, b.options.knot_interval_m);
+  if (wider_m > kMostKnotRatio * finer_m) {
+    return FailedPrecondition(
+        "knot intervals of {} and {} m are too different; make one map anew with splinemap fold "
+        "--knot-interval-m",
+        finer_m, wider_m);
+  }
+  const MatchScale scale{wider_m};
   SPLINEMAP_ASSIGN_OR_RETURN(const MapSketch sketch_a, SketchOf(a, scale, "A"));
   SPLINEMAP_ASSIGN_OR_RETURN(const MapSketch sketch_b, SketchOf(b, scale, "B"));
   // The map with less is turned, whichever it is.
   const bool is_exchanged = sketch_b.wall_m() > sketch_a.wall_m();
   const MapPair pair = is_exchanged ? MapPair{b, a, sketch_b, sketch_a, scale}
                                     : MapPair{a, b, sketch_a, sketch_b, scale};
-  SPLINEMAP_ASSIGN_OR_RETURN(Match match, FindMatch(pair));
+  SPLINEMAP_ASSIGN_OR_RETURN(Match match, FindMatch(pair, options));
   if (is_exchanged) match = Inverted(match);
   Eigen::Matrix3d& covariance = match.alignment.covariance;
   covariance = ((covariance + covariance.transpose()) / 2).eval();  // to the last bit
-  const double least_score_m =
-      options.min_score_m > 0 ? options.min_score_m : kLeastScore * scale.knot_m;
-  SPLINEMAP_RETURN_IF_ERROR(Judge(match, least_score_m, scale.knot_m));
+  SPLINEMAP_RETURN_IF_ERROR(Judge(match, options.min_score_m));
   return match.alignment;
 }
 

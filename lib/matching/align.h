@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <optional>
 
 #include "absl/status/statusor.h"
@@ -11,8 +12,9 @@ namespace splinemap {
 
 struct AlignOptions {
   // How many metres of wall have to agree, after twice those that contradict were taken off.
-  // 0: 300 of the wider knot interval, 15 m at 0.05 m.
-  double min_score_m = 0;
+  double min_score_m = 15;
+  // Is told now and then what share is done.
+  std::function<void(double share)> on_progress = [](double) {};
 };
 
 // How two maps lie to each other.
@@ -34,18 +36,21 @@ struct Alignment {
   // anywhere else.
   struct RunnerUp {
     Pose2 a_T_b;
+    double agree_m = 0;
+    double contradict_m = 0;
     double score_m = 0;
   };
   std::optional<RunnerUp> runner_up{};
 };
 
 // Finds where map b lies in the frame of map a, without a guess: all headings, all shifts at which
-// walls meet. The maps may have any knot intervals. The same maps give the same bits, and exchanged
-// ones the inverse; the time goes as the sizes of both maps and does not depend on what they show.
+// walls meet. Their knot intervals may differ by 10 times. The same maps give the same bits, and
+// exchanged ones the inverse.
 //
 // FailedPrecondition, which says why and with which figures, rather than a place that may be wrong:
 // too little in common; too much that contradicts; walls in one direction alone, along which the
-// maps slide; two places that fit alike, as in a symmetric room; a map without walls or too large.
+// maps slide; one corner alone; two places that fit, as in a symmetric room or a row of equal
+// rooms; a map without walls or too large.
 absl::StatusOr<Alignment> Align(const MapView& a, const MapView& b,
                                 const AlignOptions& options = {});
 

@@ -35,12 +35,19 @@ absl::StatusOr<MapSketch> MapSketch::Of(const MapView& map, const MatchScale& sc
 }
 
 absl::Status MapSketch::Index(const MapView& map) {
-  constexpr int64_t kMostTiles = 1 << 22;
+  // Of its box, and those that there are: 256 x 256 of them do not fit a search any more.
+  constexpr int64_t kMostInBox = 1 << 22;
+  constexpr size_t kMostTiles = 1 << 16;
   TileBox box;
   map.tiles.ForEach([&](TileKey key, const TileTree::Entry&) { box.Add(key); });
   const int64_t width = box.tx1 - box.tx0;
   const int64_t height = box.ty1 - box.ty0;
-  if (width * height > kMostTiles) {
+  if (map.tiles.size() > kMostTiles) {
+    return FailedPrecondition(
+        "it has {} tiles, and {} can be aligned; keep a part of it with splinemap crop",
+        map.tiles.size(), kMostTiles);
+  }
+  if (width * height > kMostInBox) {
     const double side_m = Tile::kSide * knot_m_;
     return FailedPrecondition(
         "it is {:.0f} x {:.0f} m large, and its tiles are far apart; keep a part of it with "

@@ -18,9 +18,8 @@ namespace {
 
 using Eigen::Vector2d;
 
-// Knot intervals. Larger maps have larger cells, up to the second.
-constexpr double kCell = 8;
-constexpr double kLargestCell = 16;
+// Knot intervals. Larger maps have larger cells.
+constexpr double kCells[] = {8, 11.3, 16};
 constexpr int kMostCells = 512;  // each way
 // Cells that the outermost points of b move from one heading to the next.
 constexpr double kHeadingStep = 1.5;
@@ -114,8 +113,8 @@ struct MarkedMap {
   std::vector<Mark> open;    // square metres
 };
 
-MarkedMap MarkedMapOf(const MapSketch& map, const MatchScale& scale, double cell_m) {
-  const Box box = BoxOfWalls(map);
+MarkedMap MarkedMapOf(const MapSketch& map, const Box& box, const MatchScale& scale,
+                      double cell_m) {
   Marks walls(box, cell_m / 2);
   Marks behind(box, cell_m / 2);
   Marks open(box, cell_m);
@@ -183,7 +182,7 @@ class PoseSearch {
  public:
   PoseSearch(MarkedMap a, MarkedMap b, double cell_m, double radius_m, int width, int height);
 
-  std::vector<Pose2> Run();
+  std::vector<Pose2> Run(const std::function<void(double share)>& on_progress);
 
  private:
   using Complex = std::complex<float>;
@@ -376,9 +375,10 @@ Pose2 PoseSearch::PoseOf(const Peak& peak) const {
   return a_T_middle * Pose2{-b_.box.Middle(), 0};
 }
 
-std::vector<Pose2> PoseSearch::Run() {
+std::vector<Pose2> PoseSearch::Run(const std::function<void(double share)>& on_progress) {
   constexpr size_t kKept = 4 * kMostPoses;  // several belong to one place
   for (int heading = 0; heading < headings_; heading += kAtOnce) {
+    on_progress(static_cast<double>(heading) / headings_);
     Correlate(heading);
     for (size_t k = 0; k < scores_.size(); ++k) scores_[k] = product_.cells[k].real();
     AddPeaks(heading);
@@ -415,24 +415,28 @@ double RadiusOf(const MarkedMap& map) {
 
 }  // namespace
 
-absl::StatusOr<std::vector<Pose2>> SearchPoses(const MapPair& pair) {
-  for (double cell_m = kCell * pair.scale.knot_m;; cell_m *= std::sqrt(2)) {
-    MarkedMap a = MarkedMapOf(pair.a, pair.scale, cell_m);
-    MarkedMap b = MarkedMapOf(pair.b, pair.scale, cell_m);
+absl::StatusOr<std::vector<Pose2>> SearchPoses(
+    const MapPair& pair, const std::function<void(double share)>& on_progress) {
+  const Box box_a = BoxOfWalls(pair.a);
+  const Box box_b = BoxOfWalls(pair.b);
+  Vector2d room_m = box_a.high_m - box_a.low_m + box_b.high_m - box_b.low_m;
+  for (const double cell_knots : kCells) {
+    const double cell_m = cell_knots * pair.scale.knot_m;
+    // Before there is anything in memory for each cell.
+    if (room_m.maxCoeff() > kMostCells * cell_m) continue;
+    MarkedMap a = MarkedMapOf(pair.a, box_a, pair.scale, cell_m);
+    MarkedMap b = MarkedMapOf(pair.b, box_b, pair.scale, cell_m);
     const double radius_m = RadiusOf(b);
-    const Vector2d room_m = a.box.high_m - a.box.low_m + Vector2d::Constant(2 * radius_m);
+    room_m = a.box.high_m - a.box.low_m + Vector2d::Constant(2 * radius_m);
     const int width = GridFft::SizeFor(static_cast<int>(room_m.x() / cell_m) + 4);
     const int height = GridFft::SizeFor(static_cast<int>(room_m.y() / cell_m) + 4);
-    if (std::max(width, height) <= kMostCells) {
-      return PoseSearch(std::move(a), std::move(b), cell_m, radius_m, width, height).Run();
-    }
-    if (cell_m > kLargestCell * pair.scale.knot_m) {
-      return FailedPrecondition(
-          "the maps are too large to be aligned, {:.0f} x {:.0f} m side by side; keep parts of "
-          "them with splinemap crop",
-          room_m.x(), room_m.y());
-    }
+    if (std::max(width, height) > kMostCells) continue;
+    return PoseSearch(std::move(a), std::move(b), cell_m, radius_m, width, height).Run(on_progress);
   }
+  return FailedPrecondition(
+      "the maps are too large to be aligned, {:.0f} x {:.0f} m side by side; keep parts of them "
+      "with splinemap crop",
+      room_m.x(), room_m.y());
 }
 
 }  // namespace splinemap

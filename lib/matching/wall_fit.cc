@@ -4,6 +4,9 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <numbers>
+#include <utility>
 #include <vector>
 
 #include "lib/geometry/angle.h"
@@ -38,6 +41,15 @@ size_t StrideFor(const MapSketch& sketch, size_t most) {
   return std::max<size_t>(1, sketch.walls().size() / most);
 }
 
+bool Agrees(const MapSketch& to, const Vector2d& point_m, const Vector2d& normal,
+            const MatchScale& scale) {
+  const MapSketch::Vertex& vertex = to.At(point_m);
+  if (vertex.wall == MapSketch::Vertex::kNone) return false;
+  const WallPoint& other = to.walls()[vertex.wall];
+  return (other.point_m - point_m).squaredNorm() <= scale.Same() * scale.Same() &&
+         other.normal.dot(normal) >= kSameDirection;
+}
+
 // The walls of `from` beside `to`. Directions and middle in the frame of `from`; the middle is a
 // sum.
 Agreement CompareOneWay(const MapSketch& to, const MapSketch& from, const Pose2& to_T_from,
@@ -48,23 +60,63 @@ Agreement CompareOneWay(const MapSketch& to, const MapSketch& from, const Pose2&
   for (size_t k = 0; k < from.walls().size(); k += stride) {
     const WallPoint& wall = from.walls()[k];
     const Vector2d point_m = place * wall.point_m;
-    const MapSketch::Vertex& vertex = to.At(point_m);
     const double length_m = static_cast<double>(stride) * wall.length_m;
-    if (vertex.is_open) {
+    if (to.At(point_m).is_open) {
       const Vector2d behind_m = place * (wall.point_m + scale.Behind() * wall.normal);
       if (to.At(behind_m).is_free) sum.contradict_m += length_m;
     }
-    if (vertex.wall == MapSketch::Vertex::kNone) continue;
-    const WallPoint& other = to.walls()[vertex.wall];
-    if ((other.point_m - point_m).squaredNorm() > scale.Same() * scale.Same() ||
-        other.normal.dot(place.Rotate(wall.normal)) < kSameDirection) {
-      continue;
-    }
+    if (!Agrees(to, point_m, place.Rotate(wall.normal), scale)) continue;
     sum.agree_m += length_m;
     sum.directions_m += length_m * wall.normal * wall.normal.transpose();
     sum.middle_m += length_m * wall.point_m;
   }
   return sum;
+}
+
+double LengthOf(const std::vector<WallPoint>& walls) {
+  double length_m = 0;
+  for (const WallPoint& wall : walls) length_m += wall.length_m;
+  return length_m;
+}
+
+// Takes the walls out that lie along the line which has most of them, of those for which
+// `may_be_line`; both faces of it. The direction of its normal; zero where there is none.
+template <typename F>
+Vector2d TakeLine(std::vector<WallPoint>& walls, const MatchScale& scale, F may_be_line) {
+  constexpr int kDirections = 36;   // of half a turn
+  constexpr double kAlong = 0.985;  // cosine
+  const double beside_m = 3 * scale.Same();
+  // Of each direction, by the distance from the origin.
+  std::map<std::pair<int, int64_t>, double> lengths_m;
+  const auto line_of = [&](const WallPoint& wall) {
+    const double angle_rad = AngleOf(wall.normal.x(), wall.normal.y());
+    const auto turns = static_cast<int>(RoundToInt(angle_rad * kDirections / std::numbers::pi));
+    const int direction = ((turns % kDirections) + kDirections) % kDirections;
+    const Vector2d normal = UnitVector(std::numbers::pi * direction / kDirections);
+    return std::pair(direction, RoundToInt(normal.dot(wall.point_m) / beside_m));
+  };
+  for (const WallPoint& wall : walls) {
+    if (may_be_line(wall.normal)) lengths_m[line_of(wall)] += wall.length_m;
+  }
+  const auto most =
+      std::max_element(lengths_m.begin(), lengths_m.end(),
+                       [](const auto& p, const auto& q) { return p.second < q.second; });
+  if (most == lengths_m.end()) return Vector2d::Zero();
+  const Vector2d normal = UnitVector(std::numbers::pi * most->first.first / kDirections);
+  // The walls themselves say where the line is.
+  Vector2d direction = Vector2d::Zero();
+  Vector2d middle_m = Vector2d::Zero();
+  for (const WallPoint& wall : walls) {
+    if (line_of(wall) != most->first) continue;
+    direction += wall.length_m * (wall.normal.dot(normal) < 0 ? -wall.normal : wall.normal);
+    middle_m += wall.length_m / most->second * wall.point_m;
+  }
+  direction.normalize();
+  std::erase_if(walls, [&](const WallPoint& wall) {
+    return std::abs(direction.dot(wall.normal)) > kAlong &&
+           std::abs(direction.dot(wall.point_m - middle_m)) < beside_m;
+  });
+  return direction;
 }
 
 // A distance along a normal, in the frame of a, at a point there: how far b has to go back.
@@ -193,6 +245,22 @@ Agreement Compare(const MapPair& pair, const Pose2& a_T_b, size_t most) {
   return mean;
 }
 
+double AgreementBesideCorner(const MapPair& pair, const Pose2& a_T_b) {
+  constexpr double kAcross = 0.7;  // cosine
+  const Pose2 b_T_a = Inverse(a_T_b);
+  const Placement place(b_T_a);
+  std::vector<WallPoint> walls;
+  for (const WallPoint& wall : pair.a.walls()) {
+    if (Agrees(pair.b, place * wall.point_m, place.Rotate(wall.normal), pair.scale)) {
+      walls.push_back(wall);
+    }
+  }
+  const Vector2d first = TakeLine(walls, pair.scale, [](const Vector2d&) { return true; });
+  TakeLine(walls, pair.scale,
+           [&](const Vector2d& normal) { return std::abs(normal.dot(first)) < kAcross; });
+  return LengthOf(walls);
+}
+
 Pose2 Pull(const MapPair& pair, const Pose2& a_T_b, size_t most) {
   constexpr size_t kLeastGaps = 10;
   constexpr double kDamping = 0.02;
@@ -221,7 +289,10 @@ SurfaceFit FitSurfaces(const MapPair& pair, const Pose2& a_T_b) {
   }
   const NormalEquations equations(GapsToSurfaces(pair, fit.a_T_b));
   if (equations.weight == 0) return fit;
-  fit.residual_m = std::sqrt(equations.squares / equations.weight);
+  // Maps of one drive agree to the bit, and are not surer for it.
+  constexpr double kLeastResidual = 0.02;  // knot intervals
+  fit.residual_m =
+      std::max(std::sqrt(equations.squares / equations.weight), kLeastResidual * pair.scale.knot_m);
   // Each wall was counted in both maps.
   const double independent = 1 / (2 * 3 * pair.scale.Reach());
   const Matrix3d information =

@@ -25,7 +25,7 @@ struct Agreement {
   double score_m() const { return agree_m - kContradictionWeight * contradict_m; }
 };
 
-// Two maps, and their sketches of one scale. Outlived by all four.
+// Two maps, and their sketches of one scale. All four must outlive it.
 struct MapPair {
   const MapView& map_a;
   const MapView& map_b;
@@ -36,6 +36,10 @@ struct MapPair {
 
 // Looks at some `most` points of each map.
 Agreement Compare(const MapPair& pair, const Pose2& a_T_b, size_t most);
+
+// Metres of wall that agree beside the two straight lines, across each other, that have most of
+// them: what agrees along two lines alone is one corner, and such a corner is everywhere.
+double AgreementBesideCorner(const MapPair& pair, const Pose2& a_T_b);
 
 // Turns and shifts b by some MatchScale::Reach() at most until its faces lie on those of a. Looks
 // at some `most` points.

@@ -2,6 +2,7 @@
 
 #include <png.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <limits>
 
@@ -25,30 +26,35 @@ Overlay::Colour ColourOf(Seen in_a, Seen in_b) {
   return in_b == Seen::kFree ? Overlay::kFreeInB : Overlay::kUnknown;
 }
 
-}  // namespace
-
-absl::StatusOr<PixelGrid> GridAroundBoth(const MapView& a, const MapView& b, const Pose2& a_T_b,
-                                         int side) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const PixelGrid of_a, FittingGrid(a, 1));
-  SPLINEMAP_RETURN_IF_ERROR(FittingGrid(b, 1).status());  // it has something
-  Eigen::Vector2d low_m(of_a.left_m, of_a.bottom_m());
-  Eigen::Vector2d high_m(of_a.left_m + of_a.width * of_a.pixel_m, of_a.top_m);
-  // Point by point, since the corners of a box that is turned are far out.
-  const double knot_b_m = b.options.knot_interval_m;
-  b.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+// Of the squares about the control points that were touched, each placed by itself: the corners of
+// a box that is turned are far out.
+Eigen::AlignedBox2d TouchedBox(const MapView& map, const Pose2& a_T_map) {
+  Eigen::AlignedBox2d box;
+  map.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
     for (int k = 0; k < Tile::kSize; ++k) {
       if (entry.tile->control_points[k] == 0) continue;
       const Eigen::Vector2d knot(Tile::kSide * key.tx + k % Tile::kSide,
                                  Tile::kSide * key.ty + k / Tile::kSide);
       for (const double dx : {-0.5, 0.5}) {
         for (const double dy : {-0.5, 0.5}) {
-          const Eigen::Vector2d corner_m = a_T_b * (knot_b_m * (knot + Eigen::Vector2d(dx, dy)));
-          low_m = low_m.cwiseMin(corner_m);
-          high_m = high_m.cwiseMax(corner_m);
+          box.extend(a_T_map * (map.options.knot_interval_m * (knot + Eigen::Vector2d(dx, dy))));
         }
       }
     }
   });
+  return box;
+}
+
+}  // namespace
+
+absl::StatusOr<PixelGrid> GridAroundBoth(const MapView& a, const MapView& b, const Pose2& a_T_b,
+                                         int side) {
+  Eigen::AlignedBox2d box = TouchedBox(a, {});
+  const Eigen::AlignedBox2d box_b = TouchedBox(b, a_T_b);
+  if (box.isEmpty() || box_b.isEmpty()) return FailedPrecondition("a map has nothing to draw");
+  box.extend(box_b);
+  const Eigen::Vector2d low_m = box.min();
+  const Eigen::Vector2d high_m = box.max();
   constexpr double kFinest = 0.125;  // knot intervals
   const double knot_m = a.options.knot_interval_m;
   const double pixel_m = std::max((high_m - low_m).maxCoeff() / side, kFinest * knot_m);

@@ -20,24 +20,23 @@ std::string Quoted(const std::string& text) {
 }
 
 absl::Status Change(LayerCommand command, const layer_command_request_t& request,
-                    const SessionId& session, LayerSettings& settings) {
+                    const FixedPose2& placement, const SessionId& session,
+                    LayerSettings& settings) {
   if (command == LayerCommand::kRemove &&
       static_cast<uint64_t>(request.session_number) != session.number) {
     return FailedPrecondition("the command is for session {} of layer {}, which is in session {}",
                               request.session_number, Quoted(request.name), session.number);
   }
-  FixedPose2 placement;
-  if (command == LayerCommand::kPlace) {
-    const Pose2 pose{{request.x_m, request.y_m}, request.yaw_rad};
-    if (!FixedPose2::IsInRange(pose)) {
-      return InvalidArgument("a placement at ({}, {}) m, turned by {} rad; {:.0f} km can be",
-                             request.x_m, request.y_m, request.yaw_rad,
-                             1e-3 * FixedPose2::kMaxUnits / FixedPose2::kUnitsPerMetre);
-    }
-    placement = FixedPose2::Nearest(pose);
-  }
   Apply(command, placement, session, settings);
   return absl::OkStatus();
+}
+
+absl::StatusOr<FixedPose2> PlacementIn(const layer_command_request_t& request) {
+  const Pose2 pose{{request.x_m, request.y_m}, request.yaw_rad};
+  if (FixedPose2::IsInRange(pose)) return FixedPose2::Nearest(pose);
+  return InvalidArgument("a placement at ({}, {}) m, turned by {} rad; {:.0f} km can be",
+                         request.x_m, request.y_m, request.yaw_rad,
+                         1e-3 * FixedPose2::kMaxUnits / FixedPose2::kUnitsPerMetre);
 }
 
 }  // namespace
@@ -106,58 +105,48 @@ void CommandHandlers::ChangeLayer(const layer_command_request_t& request,
                          names));
     return;
   }
+  if (*command != LayerCommand::kPlace) {
+    ChangeSettings(*command, request, {}, std::move(done));
+    return;
+  }
+  const absl::StatusOr<FixedPose2> placement = PlacementIn(request);
   const LayerSnapshot own = newest_.Own();
-  const bool is_own = own.id == LayerId{request.name, static_cast<uint64_t>(request.origin)};
-  if (*command != LayerCommand::kPlace || !is_own) {
-    ChangeSettings(*command, request, std::move(done));
+  if (!placement.ok()) {
+    done(placement.status());
+  } else if (own.id != LayerId{request.name, static_cast<uint64_t>(request.origin)}) {
+    ChangeSettings(*command, request, *placement, std::move(done));
   } else if (own.archive->base.IsEmpty()) {
-    PlaceOwn(request, std::move(done));
+    PlaceOwn(request, *placement, std::move(done));
   } else {
     // Beyond where the base was mapped.
-    const Pose2 frame = own.archive->map_T_world.ToPose();
-    const Pose2 on_read = Pose2{{request.x_m, request.y_m}, request.yaw_rad} * Inverse(frame);
-    layer_command_request_t placed = request;
-    placed.x_m = on_read.position_m.x();
-    placed.y_m = on_read.position_m.y();
-    placed.yaw_rad = on_read.yaw_rad;
-    ChangeSettings(*command, placed, std::move(done));
+    ChangeSettings(*command, request, *placement / own.archive->map_T_world, std::move(done));
   }
 }
 
 // Exactly, since all scans of the layer are kept.
-void CommandHandlers::PlaceOwn(const layer_command_request_t& request, RequestServer::Done done) {
-  const Pose2 frame{{request.x_m, request.y_m}, request.yaw_rad};
-  if (!FixedPose2::IsInRange(frame)) {
-    done(InvalidArgument("a layer cannot be placed at ({}, {}) m", request.x_m, request.y_m));
-    return;
-  }
+void CommandHandlers::PlaceOwn(const layer_command_request_t& request, const FixedPose2& placement,
+                               RequestServer::Done done) {
   folding_.Fold(
       "placed",
-      [map_T_world =
-           FixedPose2::Nearest(frame)](const ScanArchive&) -> absl::StatusOr<ArchiveEdit> {
+      [placement](const ScanArchive&) -> absl::StatusOr<ArchiveEdit> {
         ArchiveEdit edit;
-        edit.map_T_world = map_T_world;
+        edit.map_T_world = placement;
         return edit;
       },
       [this, request, done = std::move(done)](const absl::Status& placed) {
         if (!placed.ok()) {
           done(placed);
-          return;
-        }
-        // In place of what was set while it was away.
-        layer_command_request_t none = request;
-        none.x_m = none.y_m = none.yaw_rad = 0;
-        const LayerId id = newest_.Own().id;
-        if (newest_.Layers()->settings.Of(id).placement.IsIdentity()) {
+        } else if (newest_.Layers()->settings.Of(newest_.Own().id).placement.IsIdentity()) {
           saver_.Save(done);
         } else {
-          ChangeSettings(LayerCommand::kPlace, none, done);
+          // In place of what was set while it was away.
+          ChangeSettings(LayerCommand::kPlace, request, {}, done);
         }
       });
 }
 
 void CommandHandlers::ChangeSettings(LayerCommand command, const layer_command_request_t& request,
-                                     RequestServer::Done done) {
+                                     const FixedPose2& placement, RequestServer::Done done) {
   const LayerId id{request.name, static_cast<uint64_t>(request.origin)};
   std::string text = NameOf(command);
   if (command == LayerCommand::kPlace) {
@@ -166,8 +155,8 @@ void CommandHandlers::ChangeSettings(LayerCommand command, const layer_command_r
   }
   replication_.Edit(
       id,
-      [command, request](const SessionId& session, LayerSettings& settings) {
-        return Change(command, request, session, settings);
+      [command, request, placement](const SessionId& session, LayerSettings& settings) {
+        return Change(command, request, placement, session, settings);
       },
       [this, command, text, client = static_cast<uint64_t>(request.header.client), id,
        done = std::move(done)](const absl::Status& changed) {

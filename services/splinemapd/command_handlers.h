@@ -36,9 +36,11 @@ class CommandHandlers {
   void Save(RequestServer::Done done);
   void Clear(uint64_t session_number, RequestServer::Done done);
   void ChangeLayer(const layer_command_request_t& request, RequestServer::Done done);
+  // `placement` is for kPlace, beyond where the layer was mapped.
   void ChangeSettings(LayerCommand command, const layer_command_request_t& request,
-                      RequestServer::Done done);
-  void PlaceOwn(const layer_command_request_t& request, RequestServer::Done done);
+                      const FixedPose2& placement, RequestServer::Done done);
+  void PlaceOwn(const layer_command_request_t& request, const FixedPose2& placement,
+                RequestServer::Done done);
   // FailedPrecondition where the own layer is in another session.
   absl::Status CheckSession(uint64_t session_number) const;
 

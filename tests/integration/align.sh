@@ -57,16 +57,18 @@ expect 0 splinemap layer place both.splinemap robot-1 12 -5 130 --out placed.spl
 expect 0 splinemap align placed.splinemap robot-2 robot-1 --json
 near 0 0 0
 
-# --apply places B, exactly, and says how to take it back.
+# --apply places B, exactly, and says where it was.
+was() { sed -nE 's/^place [^ ]+ [^;]*; it was at (.*)$/\1/p' err; }
 expect 0 splinemap align both.splinemap robot-2 robot-1 --apply --out applied.splinemap
-undo=$(sed -n 's/^where it was before: //p' err | sed 's/ BEFORE$/ before.splinemap/')
+before=$(was)
 expect 0 splinemap align applied.splinemap robot-2 robot-1 --json
 near 0 0 0
 expect 0 splinemap verify applied.splinemap
 [[ $(splinemap layers applied.splinemap --json | jq 'map(select(.name == "robot-1")) | .[0] |
   (.placement.x_m - 12 | fabs) < 0.02 and .placement.yaw_deg > 129 and (.is_approximate | not)') == true ]] ||
   fail "layers: $(splinemap layers applied.splinemap)"
-expect 0 $undo
+# shellcheck disable=SC2086
+expect 0 splinemap layer place applied.splinemap robot-1 $before --out before.splinemap
 expect 0 splinemap diff both.splinemap before.splinemap
 expect 0 splinemap align last.splinemap first.splinemap --apply --out there.splinemap
 expect 0 splinemap align last.splinemap there.splinemap --json
@@ -74,6 +76,12 @@ near 0 0 0
 expect 2 splinemap align both.splinemap robot-2 robot-1 --apply
 expect_text "with --out" err
 expect 2 splinemap align both.splinemap robot-2 robot-1 --out none.splinemap
+expect 2 splinemap align both.splinemap robot-2 robot-1 --picture x.png --apply --out x.png
+cp first.splinemap corrupt.splinemap
+sqlite3 corrupt.splinemap "UPDATE tile SET content = zeroblob(length(content)) WHERE rowid = (SELECT min(rowid) FROM tile)"
+expect 1 splinemap align last.splinemap corrupt.splinemap --apply --out laundered.splinemap
+expect_text "nothing is written" err
+[[ ! -e laundered.splinemap ]] || fail "a corrupt map was saved as whole"
 
 # What is refused, with figures and without an answer.
 cat > room.world << 'END'
@@ -92,7 +100,7 @@ refused() {
   [[ ! -s out ]] || fail "an answer: $(cat out)"
   expect_text "$reason" err
 }
-refused "two places fit alike" room.splinemap room.splinemap --json
+refused "two places fit" room.splinemap room.splinemap --json
 refused "too little in common" whole.splinemap room.splinemap --picture none.png
 refused "1000.0 m have to agree" whole.splinemap whole.splinemap --min-wall 1000
 [[ ! -e none.png ]] || fail "a picture of nothing"
@@ -110,11 +118,12 @@ await splinemap align --live robot-2 robot-1 --timeout 5
 expect 0 splinemap align --live robot-2 robot-1 --json
 near 12 -5 130
 expect 0 splinemap align --live robot-2 robot-1 --apply
-undo=$(sed -n 's/^where it was before: //p' err)
+before=$(was)
 sleep 2
 expect 0 splinemap align --live robot-2 robot-1 --json
 near 0 0 0
-expect 0 $undo
+# shellcheck disable=SC2086
+expect 0 splinemap layer place --live robot-1 $before
 sleep 2
 expect 0 splinemap align --live robot-2 robot-1 --json
 near 12 -5 130
@@ -136,6 +145,16 @@ for kept_mb in 256 0; do
   expect 0 splinemap layer place --live robot-2 --robot robot-2 7 -5 130
   sleep 1
   [[ $(shown) == '[7,-5,130,false]' ]] || fail "shown after it was placed: $(shown)"
+  # What is shown places it back, to the bit.
+  expect 0 splinemap layer place --live robot-2 --robot robot-2 7.123456 -5.654321 33.333333
+  sleep 1
+  shown=$(shown)
+  IFS=, read -r x y yaw _ <<< "${shown//[][]/}"
+  expect 0 splinemap layer place --live robot-2 --robot robot-2 "$x" "$y" "$yaw"
+  sleep 1
+  [[ $(shown) == "$shown" ]] || fail "shown, and placed there: $shown, $(shown)"
+  expect 0 splinemap layer place --live robot-2 --robot robot-2 7 -5 130
+  sleep 1
   kill "$owner"
   wait "$owner" || fail "daemon: $(cat own.log)"
   expect 0 splinemap align turned.splinemap own.splinemap --json

@@ -221,7 +221,61 @@ TEST(AlignTest, RefusesTwoRooms) {
 TEST(AlignTest, RefusesARoomThatLooksTheSameTurnedRound) {
   const simulation::World room = Walls({{0, 0}, {8, 0}, {8, 5}, {0, 5}});
   ExpectRefused(Align(*MapOf(room, {}), *MapOf(room, {.map_T_world = {{1, 2}, 0.5}, .seed = 2})),
-                "two places fit alike");
+                "two places fit");
+}
+
+// Where the right place is one of the lesser overlap.
+TEST(AlignTest, RefusesARowOfEqualRooms) {
+  simulation::World row;
+  for (int k = 0; k < 8; ++k) {
+    const double x_m = 4 * k;
+    // A room of 4 x 4 m, with a door to the corridor below it.
+    AddWalls({{x_m, 4}, {x_m + 4, 4}}, row);
+    AddWalls({{x_m, 0}, {x_m, 4}}, row);
+    AddWalls({{x_m, 0}, {x_m + 1.5, 0}}, row);
+    AddWalls({{x_m + 2.5, 0}, {x_m + 4, 0}}, row);
+  }
+  AddWalls({{32, 0}, {32, 4}}, row);
+  AddWalls({{-4, -2}, {36, -2}}, row);
+  const auto of_rooms = [&](double first_m, const Mapping& mapping) {
+    Mapping of = mapping;
+    of.places.clear();
+    for (int k = 0; k < 3; ++k) {
+      const double x_m = first_m + 4 * k;
+      of.places.insert(of.places.end(), {{x_m + 1, 2}, {x_m + 3, 3}, {x_m + 2, -1}});
+    }
+    return MapOf(row, of);
+  };
+  ExpectRefused(Align(*of_rooms(8, {}), *of_rooms(12, {.seed = 2})), "two places fit");
+}
+
+TEST(AlignTest, RefusesOneCorner) {
+  const simulation::World hall = Walls({{0, 0}, {40, 0}, {40, 40}, {0, 40}});
+  ExpectRefused(
+      Align(*MapOf(hall, {.places = {{3, 3}, {6, 4}, {4, 7}, {9, 3}}}),
+            *MapOf(hall, {.seed = 2, .places = {{37, 37}, {34, 36}, {36, 33}, {31, 37}}})),
+      "one corner alone");
+}
+
+TEST(AlignTest, RefusesKnotsThatDifferTooMuch) {
+  const auto fine = MapOf(Room(), {});
+  const auto coarse = MapOf(Room(), {.knot_m = 0.6});
+  ExpectRefused(Align(*fine, *coarse), "--knot-interval-m");
+}
+
+TEST(AlignTest, SaysHowFarItIs) {
+  double last = -1;
+  int calls = 0;
+  AlignOptions options;
+  options.on_progress = [&](double share) {
+    EXPECT_GT(share, last);
+    EXPECT_LT(share, 1);
+    last = share;
+    ++calls;
+  };
+  const auto map = MapOf(Room(), {});
+  ASSERT_TRUE(Align(*map, *map, options).ok());
+  EXPECT_GT(calls, 10);
 }
 
 TEST(AlignTest, RefusesARoundRoom) {
@@ -232,7 +286,7 @@ TEST(AlignTest, RefusesARoundRoom) {
   }
   ExpectRefused(Align(*MapOf(Walls(corners), {.places = places}),
                       *MapOf(Walls(corners), {.seed = 2, .places = places})),
-                "two places fit alike");
+                "two places fit");
 }
 
 TEST(AlignTest, RefusesABareCorridor) {

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <random>
 
 #include "splinemap/fixed_pose2.h"
 
@@ -60,6 +61,26 @@ TEST(FixedPose2Test, RoundsAndKeepsWhatIsRounded) {
   }
   EXPECT_EQ(FixedPose2::Nearest({{0, 0}, kPi}), FixedPose2::Nearest({{0, 0}, -kPi}));
   EXPECT_TRUE(FixedPose2::Nearest({{0, 0}, 2 * kPi}).IsIdentity());
+}
+
+TEST(FixedPose2Test, AProductIsTakenApartToTheBit) {
+  std::mt19937_64 random(1);
+  std::uniform_real_distribution<double> coordinate_m(-1000, 1000);
+  std::uniform_real_distribution<double> yaw_rad(-4, 4);
+  const auto any = [&] {
+    const double x_m = coordinate_m(random);
+    const double y_m = coordinate_m(random);
+    return FixedPose2::Nearest({{x_m, y_m}, yaw_rad(random)});
+  };
+  for (int n = 0; n < 1000; ++n) {
+    const FixedPose2 a = any();
+    const FixedPose2 b = any();
+    const FixedPose2 product = a * b;
+    EXPECT_EQ(product / b, a);
+    const Pose2 exact = a.ToPose() * b.ToPose();
+    EXPECT_LT((product.ToPose().position_m - exact.position_m).norm(), 1e-6);
+    EXPECT_LT(std::abs(WrapAngle(product.ToPose().yaw_rad - exact.yaw_rad)), 1e-9);
+  }
 }
 
 }  // namespace splinemap::pose2_test

@@ -25,6 +25,9 @@ struct FixedPose2 {
   static FixedPose2 Nearest(const Pose2& pose);
   // Its heading is in [-pi, pi).
   Pose2 ToPose() const;
+  // In whole numbers: (a * b) / b is a, to the bit.
+  friend FixedPose2 operator*(const FixedPose2& a, const FixedPose2& b);
+  friend FixedPose2 operator/(const FixedPose2& product, const FixedPose2& b);
   bool IsIdentity() const { return *this == FixedPose2(); }
   // Whether a file or a message may say so.
   bool IsValid() const;
