@@ -116,7 +116,9 @@ so when they return. With MAP the command writes a changed copy. A removed layer
 good, from the disk of its robot too, and merging with an older file does not restore it. A layer is
 given as NAME, or as NAME@ORIGIN, of which the first digits suffice; splinemap layers lists them.
 
-A placement is that of the layer's frame, not from where it was placed before; 0 0 0 takes it back.
+A placement is that of the frame of the robot's poses, not from where it was placed before; 0 0 0
+takes it back. A daemon that keeps no scans of the layer, as a base station, takes the frame in which
+its owner mapped it for that.
 A layer whose scans are all there, in the file or at its owner's daemon, is made anew and is exact.
 Of others whole knot intervals and quarters of a turn are exact, and else they are interpolated
 whenever the map is read, and called approximate.)";

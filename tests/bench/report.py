@@ -17,6 +17,7 @@ PEER_PACKAGES = ["libmrpt-maps-dev", "liboctomap-dev", "libbenchmark-dev"]
 TILE_BYTES = 2048
 ACCURACY_TABLES = [
     "fig3", "fig5", "hits", "logs", "defaults", "door", "gp", "door_votes", "split_drives_mean", "surface",
+    "halves", "stretches", "strangers",
 ]  # fmt: skip
 
 

@@ -56,6 +56,8 @@ done
 "$programs/layers/layers" "${quick[@]}" --out "$out"
 deploy/own_bus.sh "$programs/serving/serving" "${quick[@]}" --json "$out/serving.json" > "$out/serving.txt"
 "$programs/asking/asking_bench" "${quick[@]}" > "$out/asking.txt"
+"$programs/align/align_bench" "${quick[@]}" --out "$out"
+deploy/own_bus.sh "$programs/correcting/correcting" "${quick[@]}" > "$out/correcting.txt"
 "$python" tests/bench/accuracy/plot.py "$out"
 {
   "$python" tests/bench/report.py "$out"
@@ -63,5 +65,7 @@ deploy/own_bus.sh "$programs/serving/serving" "${quick[@]}" --json "$out/serving
   sed 's/^/    /' "$out/serving.txt"
   printf '\n## Asking a map\n\n'
   sed 's/^/    /' "$out/asking.txt"
+  printf '\n## Correcting a map\n\n'
+  grep -v '\[info\]\|\[warning\]' "$out/correcting.txt" | sed 's/^/    /'
 } > build/bench/report.md
 echo "build/bench/report.md"

@@ -8,6 +8,7 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <cstdlib>
 #include <memory>
 #include <numbers>
 #include <string>
@@ -97,11 +98,18 @@ class HeardDaemon {
   }
   int64_t bytes_followed() const { return follower_->BytesReceived(); }
   uint64_t session_followed() const {
-    const LayerSet set = follower_->SyncedLayers();
+    const LayerSet set = follower_->Layers();
     return set.layers.empty() ? 0 : set.layers.front().session.number;
   }
+  // Ends the program where one of them was lost.
   void AwaitMapped(int64_t scans) {
-    while (Status().scans_mapped < scans) std::this_thread::sleep_for(milliseconds(1));
+    const steady_clock::time_point start = steady_clock::now();
+    while (Status().scans_mapped < scans) {
+      std::this_thread::sleep_for(milliseconds(1));
+      if (SecondsSince(start) < 60) continue;
+      fmt::print(stderr, "scan {} was not mapped within a minute\n", scans);
+      std::_Exit(1);
+    }
   }
   void AwaitFollower() {
     while (!follower_->IsCaughtUp()) std::this_thread::sleep_for(milliseconds(10));
@@ -214,7 +222,7 @@ int Main(int argc, char** argv) {
   bool quick = false;
   std::vector<int> sizes = {1'000, 10'000, 100'000};
   app.add_flag("--quick", quick, "A smoke run of a few seconds; its figures mean nothing");
-  app.add_option("--scans", sizes, "How many scans are kept");
+  app.add_option("--scans", sizes, "How many scans are kept")->check(CLI::Range(200, 1'000'000));
   CLI11_PARSE(app, argc, argv);
   const auto path = SharedData("carmen/freiburg-079-corrected.log.gz");
   if (!path) {
