@@ -117,8 +117,8 @@ good, from the disk of its robot too, and merging with an older file does not re
 given as NAME, or as NAME@ORIGIN, of which the first digits suffice; splinemap layers lists them.
 
 A placement is that of the frame of the robot's poses, not from where it was placed before; 0 0 0
-takes it back. A daemon that keeps no scans of the layer, as a base station, takes the frame in which
-its owner mapped it for that.
+takes it back. A daemon without scans of the layer, as a base station, takes the frame in which its
+owner mapped it for that.
 A layer whose scans are all there, in the file or at its owner's daemon, is made anew and is exact.
 Of others whole knot intervals and quarters of a turn are exact, and else they are interpolated
 whenever the map is read, and called approximate.)";
