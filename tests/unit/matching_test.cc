@@ -142,6 +142,17 @@ TEST(AlignTest, AlignsPartsThatSeeTheRoomFromItsEnds) {
   ExpectNear(found->a_T_b, Inverse(b_T_world), 0.02, 0.2 * kRad);
 }
 
+TEST(AlignTest, TheOverlapIsAShareOfTheSmallerMap) {
+  const auto whole = MapOf(Room(), {});
+  const auto part = MapOf(Room(), {.seed = 2, .places = {{5.75, -0.4}}});
+  const auto found = Align(*whole, *part);
+  const auto exchanged = Align(*part, *whole);
+  ASSERT_TRUE(found.ok() && exchanged.ok()) << found.status();
+  EXPECT_GT(found->overlap, 0.95);
+  EXPECT_LT(found->overlap_m2, 40);
+  EXPECT_EQ(exchanged->overlap, found->overlap);
+}
+
 TEST(AlignTest, AlignsMapsOfDifferentKnotIntervals) {
   const Pose2 b_T_world{{3, -1}, -1.2};
   const auto a = MapOf(Room(), {});
@@ -295,10 +306,10 @@ TEST(AlignTest, RefusesABareCorridor) {
   AddWalls({{-40, 2}, {60, 2}}, corridor);
   const std::vector<Eigen::Vector2d> places = {{0, 1}, {2, 0.7}, {4, 1.2}, {6, 1}, {8, 1}};
   const Pose2 b_T_world{{1, 2}, 30 * kRad};
-  const auto found =
-      Align(*MapOf(corridor, {.map_T_world = {{0, 0}, 20 * kRad}, .places = places}),
-            *MapOf(corridor, {.map_T_world = b_T_world, .seed = 2, .places = places}));
-  ExpectRefused(found, "slide along the direction of 20 degrees");
+  const auto a = MapOf(corridor, {.map_T_world = {{0, 0}, 20 * kRad}, .places = places});
+  const auto b = MapOf(corridor, {.map_T_world = b_T_world, .seed = 2, .places = places});
+  ExpectRefused(Align(*a, *b), "slide along the direction of 20 degrees");
+  ExpectRefused(Align(*b, *a), "slide along the direction of 30 degrees");
 }
 
 TEST(AlignTest, RefusesMapsThatContradict) {
