@@ -111,6 +111,15 @@ ScanArchive ArchiveEdit::Apply(const ScanArchive& archive) const {
   return result;
 }
 
+bool ArchiveEdit::Changes(const ScanArchive& archive) const {
+  bool changes = (map_T_world && *map_T_world != archive.map_T_world) ||
+                 (!keeps_base && !archive.base.IsEmpty());
+  archive.ForEachPose([&](const ScanPose& pose) {
+    changes = changes || (is_kept && !is_kept(pose)) || (move && move(pose) != pose.world_T_robot);
+  });
+  return changes;
+}
+
 std::shared_ptr<const PosedScan> ArchiveEdit::ApplyTo(const PosedScan& scan) const {
   const ScanPose pose{scan.utime, scan.world_T_robot};
   if (is_kept && !is_kept(pose)) return nullptr;

@@ -19,6 +19,8 @@ struct ArchiveEdit {
   bool keeps_base = true;
 
   ScanArchive Apply(const ScanArchive& archive) const;
+  // Whether that is another one.
+  bool Changes(const ScanArchive& archive) const;
   // A later scan, or null.
   std::shared_ptr<const PosedScan> ApplyTo(const PosedScan& scan) const;
 };

@@ -19,8 +19,17 @@ constexpr size_t kMaxWaitingBytes = size_t{64} << 20;
 // not wait for them.
 constexpr int64_t kFewScans = 20;
 constexpr std::chrono::seconds kLongestStep(60);
+// Of trajectories that come one after the other. Each makes another session, which followers show
+// when it is two seconds old and whole.
+constexpr std::chrono::seconds kCorrectionInterval(5);
 constexpr const char* kTrajectory = "TRAJECTORY";
 constexpr const char* kPlacement = "PLACEMENT";
+
+// Whether nothing of `older` is left after `newer`.
+bool Covers(const Trajectory& newer, const Trajectory& older) {
+  return newer.poses.front().utime <= older.poses.front().utime &&
+         newer.poses.back().utime >= older.poses.back().utime && newer.until >= older.until;
+}
 
 }  // namespace
 
@@ -49,13 +58,16 @@ void FoldingThread::Run(const std::stop_token& stop) {
           : std::clamp<Utime>(forget_after_ / 20, std::chrono::seconds(1), kLongestStep));
   Clock::time_point next_forgetting = Clock::now() + step;
   while (!stop.stop_requested()) {
-    const auto item = mailbox_.Pop(stop, next_forgetting);
+    const auto next_correction =
+        trajectory_ ? std::max(next_correction_, Clock::now()) : Clock::time_point::max();
+    const auto item = mailbox_.Pop(stop, std::min(next_correction, next_forgetting));
     if (stop.stop_requested()) return;
-    if (!item) {
+    if (!item && trajectory_ && Clock::now() >= next_correction_) FoldTrajectory();
+    if (!item && Clock::now() >= next_forgetting) {
       if (forget_after_ > Utime(0)) ForgetWhatIsOld();
       next_forgetting = Clock::now() + step;
-      continue;
     }
+    if (!item) continue;
     if (const auto* task = std::get_if<Task>(&*item)) (*task)();
     if (const auto* message = std::get_if<MailboxMessage>(&*item)) {
       if (message->channel == kTrajectory) ReceiveTrajectory(message->bytes);
@@ -87,9 +99,15 @@ void FoldingThread::ReceiveTrajectory(absl::Span<const uint8_t> message) {
         {.subject = "trajectory", .text = "a trajectory was not used: " + ErrorText(status)});
     return;
   }
-  const auto shared = std::make_shared<Trajectory>(**std::move(trajectory));
+  if (trajectory_ && !Covers(**trajectory, *trajectory_)) FoldTrajectory();
+  trajectory_ = **std::move(trajectory);
+}
+
+void FoldingThread::FoldTrajectory() {
+  const auto shared = std::make_shared<Trajectory>(*std::exchange(trajectory_, std::nullopt));
   FoldNow(fmt::format("corrected by a trajectory of {} poses", shared->poses.size()),
           [shared](const ScanArchive& archive) { return CorrectBy(archive, *shared); }, {});
+  next_correction_ = Clock::now() + kCorrectionInterval;
 }
 
 void FoldingThread::ReceivePlacement(absl::Span<const uint8_t> message) {
@@ -100,7 +118,6 @@ void FoldingThread::ReceivePlacement(absl::Span<const uint8_t> message) {
     return;
   }
   const FixedPose2 map_T_world = FixedPose2::Nearest(*frame);
-  if (newest_.Own().archive->map_T_world == map_T_world) return;  // said again
   FoldNow("placed",
           [map_T_world](const ScanArchive&) -> absl::StatusOr<ArchiveEdit> {
             ArchiveEdit edit;
@@ -134,7 +151,7 @@ void FoldingThread::FoldNow(const std::string& what, const EditOf& edit_of, cons
   constexpr int kTries = 3;
   absl::StatusOr<std::string> result = absl::AbortedError("");
   for (int k = 0; k < kTries && absl::IsAborted(result.status()); ++k) result = TryFold(edit_of);
-  if (result.ok()) {
+  if (result.ok() && !result->empty()) {
     notices_.Forget("fold");  // each is said
     notices_.Report(
         {.is_problem = false,
@@ -143,7 +160,7 @@ void FoldingThread::FoldNow(const std::string& what, const EditOf& edit_of, cons
              "the layer was {} in {} ms: {}", what,
              std::chrono::duration_cast<std::chrono::milliseconds>(Clock::now() - begin).count(),
              *result)});
-  } else if (!absl::IsCancelled(result.status())) {
+  } else if (!result.ok() && !absl::IsCancelled(result.status())) {
     notices_.Report(
         {.subject = "fold",
          .text = fmt::format("the layer could not be {}: {}", what, ErrorText(result.status()))});
@@ -155,6 +172,7 @@ absl::StatusOr<std::string> FoldingThread::TryFold(const EditOf& edit_of) {
   LayerSnapshot own = newest_.Own();
   const SessionId session = own.session;
   SPLINEMAP_ASSIGN_OR_RETURN(ArchiveEdit edit, edit_of(*own.archive));
+  if (!edit.Changes(*own.archive)) return std::string();  // said again
   auto layer = std::make_unique<FoldedLayer>(session, std::move(edit), *own.archive, options_);
   const auto is_cancelled = [this](int64_t) { return stop_.stop_requested(); };
   do {

@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <functional>
+#include <optional>
 #include <string>
 #include <thread>
 
@@ -34,8 +35,8 @@ class FoldingThread {
   // Does not wait. `what` says for people what is done: "placed". `done` runs in the thread.
   void Fold(std::string what, EditOf edit_of, Done done);
 
-  // A trajectory_t; a rigid_transform_t of the frame of the poses in the map. They do not wait;
-  // when too many wait, the oldest are dropped.
+  // A trajectory_t; a rigid_transform_t of the frame of the poses in the map. They do not wait. Of
+  // trajectories the newest is folded, every five seconds at most.
   void HandleTrajectory(absl::Span<const uint8_t> message);
   void HandlePlacement(absl::Span<const uint8_t> message);
 
@@ -45,6 +46,7 @@ class FoldingThread {
  private:
   void Run(const std::stop_token& stop);
   void ReceiveTrajectory(absl::Span<const uint8_t> message);
+  void FoldTrajectory();
   void ReceivePlacement(absl::Span<const uint8_t> message);
   void ForgetWhatIsOld();
   void FoldNow(const std::string& what, const EditOf& edit_of, const Done& done);
@@ -57,6 +59,8 @@ class FoldingThread {
   NoticeLog& notices_;
   Mailbox mailbox_;
   TrajectoryParts trajectory_parts_;
+  std::optional<Trajectory> trajectory_;  // the newest, not folded yet
+  Clock::time_point next_correction_;
   std::stop_token stop_;
   std::jthread folding_;
 };

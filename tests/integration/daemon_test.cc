@@ -423,6 +423,19 @@ TEST_F(DaemonTest, ScansAfterTheLastPoseMoveWithItUntilTheLocalisationIsRight) {
   EXPECT_EQ(n, 100);
 }
 
+TEST_F(DaemonTest, TheSameTrajectoryAgainIsNone) {
+  const TileTree right = TilesAfter([&] { Drive(200); });
+  Start();
+  Drive(200, 0, 0.01);
+  AwaitStatus([](const status_t& s) { return s.scans_mapped == 200; });
+  for (int n = 0; n < 40; ++n) PublishTrajectory(200);
+  AwaitSession(2);
+  PublishTrajectory(200);
+  std::this_thread::sleep_for(std::chrono::seconds(6));  // beyond the interval of corrections
+  EXPECT_EQ(AwaitStatus([](const status_t&) { return true; }).session_number, 2);
+  ExpectTiles(right);
+}
+
 TEST_F(DaemonTest, ATrajectoryThatCannotBeUsedIsNamedAndChangesNothing) {
   Start();
   Drive(50);

@@ -55,6 +55,31 @@ TEST(CorrectByTest, ScansAtThePosesGetThemAndThoseBetweenMoveWithBoth) {
   EXPECT_EQ(poses[6].position_m, Eigen::Vector2d(6, 0)) << "after the last";
 }
 
+TEST(ArchiveEditTest, SaysWhetherItChangesAnything) {
+  const ScanArchive archive = StraightDrive(7);
+  EXPECT_FALSE(ArchiveEdit().Changes(archive));
+  const Trajectory trajectory = TrajectoryOf({{seconds(3), {{0, 0}, M_PI / 2}}}, seconds(6));
+  const ArchiveEdit corrected = *CorrectBy(archive, trajectory);
+  EXPECT_TRUE(corrected.Changes(archive));
+  const ScanArchive once = corrected.Apply(archive);
+  EXPECT_FALSE(CorrectBy(once, trajectory)->Changes(once)) << "said again";
+  EXPECT_TRUE(ForgetBefore(archive, seconds(1))->Changes(archive));
+  EXPECT_FALSE(ForgetBefore(archive, seconds(0))->Changes(archive));
+  ArchiveEdit placed;
+  placed.map_T_world = FixedPose2();
+  EXPECT_FALSE(placed.Changes(archive));
+  placed.map_T_world->x = 1;
+  EXPECT_TRUE(placed.Changes(archive));
+  ScanArchive with_base = archive;
+  TileTreeEditor base;
+  base.Edit({0, 0}, 1).control_points[0] = 1;
+  with_base.base.tiles = base.Freeze();
+  ArchiveEdit without_base;
+  without_base.keeps_base = false;
+  EXPECT_TRUE(without_base.Changes(with_base));
+  EXPECT_FALSE(without_base.Changes(archive));
+}
+
 TEST(CorrectByTest, WhatComesAfterTheLastPoseMovesWithItUntilTheLocalisationIsRight) {
   const auto poses =
       Corrected(StraightDrive(7), TrajectoryOf({{seconds(3), {{0, 0}, M_PI / 2}}}, seconds(6)));
