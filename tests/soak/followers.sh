@@ -71,8 +71,9 @@ start_daemon() {
   daemon=$!
 }
 status() { splinemap watch --once --json --timeout 2 > status.json; }
+# Scans that still wait do so for poses that the bus has lost.
 all_mapped() {
-  status && jq -e '.messages_queued == 0 and .scans_queued == 0 and .newest_scan_age_s > 1' status.json
+  status && jq -e '.messages_queued == 0 and .newest_scan_age_s > 1' status.json
 }
 last() { tail -n 1 "$1.json" | jq "$2"; }
 heard() { tail -n 1 "$relay_here" | jq "[$1 // {} | .${2:-bytes} // 0] | add"; }  # of the daemon's bus
