@@ -96,6 +96,7 @@ void Judge(const std::optional<Pose2>& found, const Pose2& b_T_world,
   const double error_rad = std::abs(WrapAngle(off.yaw_rad));
   if (error_m > kRight_m || error_rad > kRight_rad) {
     ++tally.wrong;
+    fmt::print(stderr, "off by {:.2f} m and {:.2f} degrees\n", error_m, error_rad / kDegree_rad);
     return;
   }
   ++tally.right;
