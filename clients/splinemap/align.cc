@@ -184,13 +184,18 @@ void PrintPlaced(const LayerId& id, const FixedPose2& placement, const FixedPose
 }
 
 absl::Status ApplyToFile(const AlignFlags& flags, const Alignment& found, AlignedMaps& maps) {
+  const LayerSet before = maps.layers;
   for (const LayerId& id : maps.layers_of_b) {
-    const FixedPose2 before = PlacementOf(*maps.layers.Find(id), maps.layers.settings.Of(id));
-    const Pose2 placement = found.a_T_b * before.ToPose();
-    SPLINEMAP_RETURN_IF_ERROR(EditLayer(LayerCommand::kPlace, placement, id, maps.layers));
-    PrintPlaced(id, FixedPose2::Nearest(placement), before);
+    const FixedPose2 placement = PlacementOf(*before.Find(id), before.settings.Of(id));
+    SPLINEMAP_RETURN_IF_ERROR(
+        EditLayer(LayerCommand::kPlace, found.a_T_b * placement.ToPose(), id, maps.layers));
   }
-  return SaveAs(maps.layers, flags.output.path);
+  SPLINEMAP_RETURN_IF_ERROR(SaveAs(maps.layers, flags.output.path));
+  for (const LayerId& id : maps.layers_of_b) {
+    PrintPlaced(id, PlacementOf(*maps.layers.Find(id), maps.layers.settings.Of(id)),
+                PlacementOf(*before.Find(id), before.settings.Of(id)));
+  }
+  return absl::OkStatus();
 }
 
 absl::Status ApplyLive(const AlignFlags& flags, const Alignment& found, const AlignedMaps& maps) {

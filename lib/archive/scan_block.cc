@@ -9,7 +9,7 @@
 
 #include "lib/archive/archive.pb.h"
 #include "lib/base/status.h"
-#include "lib/geometry/angle.h"
+#include "lib/geometry/binary_angle.h"
 #include "splinemap/scan_archive.h"
 
 namespace splinemap {
@@ -85,14 +85,6 @@ std::optional<std::vector<uint32_t>> NumbersOf(const std::string& bytes, int pla
     }
   }
   return numbers;
-}
-
-int32_t WrappedStep(int32_t from, int32_t to) {
-  return static_cast<int32_t>(static_cast<uint32_t>(to) - static_cast<uint32_t>(from));
-}
-
-int32_t WrappedSum(int32_t from, int32_t step) {
-  return static_cast<int32_t>(static_cast<uint32_t>(from) + static_cast<uint32_t>(step));
 }
 
 // The bearings of a channel by the number of the reading. Those of most scans are those of the scan

@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "lib/geometry/angle.h"
+#include "lib/geometry/binary_angle.h"
 
 namespace splinemap {
 namespace {
@@ -23,14 +24,6 @@ FixedPose2 Turned(const FixedPose2& b, int32_t yaw) {
   return FixedPose2::Nearest({turn.ToPose() * b.ToPose().position_m, 0});
 }
 
-int32_t WrappedSum(int32_t a, int32_t b) {
-  return static_cast<int32_t>(static_cast<uint32_t>(a) + static_cast<uint32_t>(b));
-}
-
-int32_t WrappedDifference(int32_t a, int32_t b) {
-  return static_cast<int32_t>(static_cast<uint32_t>(a) - static_cast<uint32_t>(b));
-}
-
 }  // namespace
 
 FixedPose2 operator*(const FixedPose2& a, const FixedPose2& b) {
@@ -39,7 +32,7 @@ FixedPose2 operator*(const FixedPose2& a, const FixedPose2& b) {
 }
 
 FixedPose2 operator/(const FixedPose2& product, const FixedPose2& b) {
-  const int32_t yaw = WrappedDifference(product.yaw, b.yaw);
+  const int32_t yaw = WrappedStep(b.yaw, product.yaw);
   const FixedPose2 turned = Turned(b, yaw);
   return {product.x - turned.x, product.y - turned.y, yaw};
 }
