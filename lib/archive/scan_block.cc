@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "lib/archive/archive.pb.h"
+#include "lib/archive/beam_limits.h"
 #include "lib/base/status.h"
 #include "lib/geometry/binary_angle.h"
 #include "splinemap/scan_archive.h"
@@ -17,18 +18,11 @@ namespace {
 
 constexpr int kZstdLevel = 1;
 constexpr size_t kMaxUnpackedBytes = size_t{16} << 20;
-constexpr float kMaxRange_m = 1000;
 constexpr Utime kMaxTime{int64_t{1} << 60};  // so that differences of times are some
 
 enum Flag : uint32_t { kHasSensorPoses = 1, kHasBearings = 2, kHasHits = 4 };
 
-// What ranges are whole numbers of, mostly: centimetres, millimetres, quarters of them.
-constexpr uint32_t kRangeUnits_um[] = {10'000, 1'000, 250};
 constexpr int kUnitPlanes = 3;
-
-float RangeOf(int32_t units, uint32_t unit_um) {
-  return static_cast<float>(double{1} * units * unit_um * 1e-6);
-}
 
 // Adds the ranges in these units. False, and adds nothing, unless all are RangeOf() of them to the
 // last bit.
@@ -121,11 +115,7 @@ std::optional<BeamModelOptions> ModelOf(const archive_records::BeamModelRecord& 
   if (record.update() > static_cast<uint32_t>(BeamUpdate::kPaperLine)) return std::nullopt;
   const BeamModelOptions model{static_cast<BeamUpdate>(record.update()), record.kappa_hit(),
                                record.kappa_free(), record.free_sample_spacing_knots()};
-  const bool can_be = model.kappa_hit >= 0 && model.kappa_hit <= kMaxKappaHit &&
-                      model.kappa_free <= 0 && model.kappa_free >= kMinKappaFree &&
-                      model.free_sample_spacing_knots >= kMinFreeSampleSpacingKnots &&
-                      model.free_sample_spacing_knots <= 1000;
-  return can_be ? std::optional(model) : std::nullopt;
+  return CanBe(model) ? std::optional(model) : std::nullopt;
 }
 
 std::string Compressed(const std::string& bytes) {
@@ -273,7 +263,6 @@ class BeamUnpacker {
         hits_(record.hits()) {}
 
   bool UnpackScan(int k, PosedScan& scan) {
-    constexpr uint32_t kMaxChannel = 1023;
     const uint32_t count = record_.beams(k);
     const uint32_t flags = record_.flags(k);
     const uint32_t unit_um = record_.range_unit_um(k);

@@ -3,6 +3,7 @@
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <zlib.h>
 
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -28,6 +29,7 @@
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lcmtypes/splinemap/tile_update_t.hpp"
 #include "lcmtypes/splinemap/trajectory_t.hpp"
+#include "lib/archive/scan_record.h"
 #include "lib/logs/lcm_log.h"
 #include "lib/replication/protocol.h"
 #include "lib/rpc/messages.h"
@@ -48,6 +50,7 @@ class CorpusMaker {
   void Make() {
     Messages();
     Tiles();
+    ScanRecords();
     MapperPrograms();
     SurveyPrograms();
     GzippedCarmenLog();
@@ -277,6 +280,37 @@ class CorpusMaker {
     tile.control_points[0] = -25'600;
     Write("tile/short", EncodeTile(tile).substr(0, 30));
     Write("tile/random", EncodeTile(RandomTile(random)));
+  }
+
+  void ScanRecords() {
+    PosedScan scan;
+    scan.robot_T_sensor = {FixedPose2::Nearest({{0.2, 0}, 0.1})};
+    Write("scan_record/no_beam", PackBeams(scan, {}));
+    for (uint16_t k = 0; k < 12; ++k) {
+      scan.beams.push_back({2.0F + 0.01F * static_cast<float>(k * k % 7),
+                            static_cast<float>(0.25 * k),
+                            {},
+                            k % 5 != 4,
+                            static_cast<uint16_t>(k + k / 6)});
+    }
+    Write("scan_record/floats", PackBeams(scan, {}));
+    for (Beam& beam : scan.beams) {
+      beam.range_m = static_cast<float>(std::round(100 * beam.range_m) * 0.01);
+      beam.bearing_rad = 0.25F * static_cast<float>(beam.reading);
+    }
+    Write("scan_record/line", PackBeams(scan, {}));
+    scan.channel = 3;
+    scan.robot_T_sensor.clear();
+    for (size_t k = 0; k < scan.beams.size(); ++k) {
+      Beam& beam = scan.beams[k];
+      beam.bearing_rad =
+          static_cast<float>(k * k % 5 + 64 * k) / 64 * static_cast<float>(std::acos(-1.0) / 180);
+      const double time_s = 0.002 * static_cast<double>(k + k / 5);
+      scan.robot_T_sensor.push_back(FixedPose2::Nearest({{time_s, 0.1 * time_s}, 0.2 * time_s}));
+    }
+    BeamModelOptions model;
+    model.update = BeamUpdate::kPaperLine;
+    Write("scan_record/moving", PackBeams(scan, model));
   }
 
   using Program = std::vector<uint8_t>;
