@@ -3,26 +3,46 @@
 #include <algorithm>
 #include <utility>
 
+#include "lib/archive/scan_record.h"
+
 namespace splinemap {
 namespace {
 
-// Of a scan that is not packed yet, on recorded drives.
-constexpr size_t kBytesPerBeam = 3;
+// Of the pose of a scan in a block, on recorded drives.
+constexpr size_t kBytesPerPose = 15;
+
+size_t BytesOf(const PackedScan& scan) { return kBytesPerPose + scan.beams->size(); }
+
+PosedScan Unpack(const PackedScan& packed) {
+  const std::string& beams = *packed.beams;
+  PosedScan scan =
+      UnpackBeams({reinterpret_cast<const uint8_t*>(beams.data()), beams.size()})->scan;
+  scan.utime = packed.pose.utime;
+  scan.world_T_robot = packed.pose.world_T_robot;
+  return scan;
+}
 
 }  // namespace
 
-void ScanArchive::Add(std::shared_ptr<const PosedScan> scan, const BeamModelOptions& model) {
-  if (!tail_.empty() && tail_model_ != model) Pack();
+void ScanArchive::Add(const std::shared_ptr<const PosedScan>& scan, const BeamModelOptions& model) {
+  Add(PackedScan{{scan->utime, scan->world_T_robot},
+                 scan->beams.size(),
+                 std::make_shared<const std::string>(PackBeams(*scan, model))},
+      model);
+}
+
+void ScanArchive::Add(PackedScan scan, const BeamModelOptions& model) {
+  if (!tail_.empty() && tail_model_ != model) CloseBlock();
   tail_model_ = model;
-  tail_beams_ += scan->beams.size();
-  bytes_ += kBytesPerBeam * scan->beams.size();
+  tail_beams_ += scan.num_beams;
+  bytes_ += BytesOf(scan);
   ++num_scans_;
   tail_.push_back(std::move(scan));
-  if (tail_.size() >= ScanBlock::kMaxScans || tail_beams_ >= ScanBlock::kMaxBeams) Pack();
+  if (tail_.size() >= ScanBlock::kMaxScans || tail_beams_ >= ScanBlock::kMaxBeams) CloseBlock();
 }
 
 void ScanArchive::Add(std::shared_ptr<const ScanBlock> block) {
-  Pack();
+  CloseBlock();
   auto blocks = std::make_shared<BlockList>(*blocks_);
   num_scans_ += block->num_scans;
   bytes_ += block->bytes();
@@ -30,18 +50,18 @@ void ScanArchive::Add(std::shared_ptr<const ScanBlock> block) {
   blocks_ = std::move(blocks);
 }
 
-void ScanArchive::Pack() {
+void ScanArchive::CloseBlock() {
   if (tail_.empty()) return;
-  const std::shared_ptr<const ScanBlock> block = PackScans(tail_model_, tail_);
+  const std::shared_ptr<const ScanBlock> block = MakeBlock(tail_model_, tail_);
   num_scans_ -= block->num_scans;
-  bytes_ -= kBytesPerBeam * tail_beams_;
+  for (const PackedScan& scan : tail_) bytes_ -= BytesOf(scan);
   tail_.clear();
   tail_beams_ = 0;
   Add(block);
 }
 
 std::shared_ptr<const ScanBlock> ScanArchive::TakeOldest() {
-  Pack();
+  CloseBlock();
   if (blocks_->empty()) return nullptr;
   const std::shared_ptr<const ScanBlock> oldest = blocks_->front();
   blocks_ = std::make_shared<BlockList>(blocks_->begin() + 1, blocks_->end());
@@ -53,7 +73,7 @@ std::shared_ptr<const ScanBlock> ScanArchive::TakeOldest() {
 
 std::vector<std::shared_ptr<const ScanBlock>> ScanArchive::Blocks() const {
   BlockList blocks = *blocks_;
-  if (!tail_.empty()) blocks.push_back(PackScans(tail_model_, tail_));
+  if (!tail_.empty()) blocks.push_back(MakeBlock(tail_model_, tail_));
   return blocks;
 }
 
@@ -75,8 +95,8 @@ void ScanArchive::ForEachAfter(
     }
     skipped = std::max<int64_t>(skipped, 0);
   }
-  for (const auto& scan : tail_) {
-    if (--skipped < 0) visit(*scan, tail_model_);
+  for (const PackedScan& scan : tail_) {
+    if (--skipped < 0) visit(Unpack(scan), tail_model_);
   }
 }
 
@@ -84,7 +104,7 @@ void ScanArchive::ForEachPose(absl::FunctionRef<void(const ScanPose&)> visit) co
   for (const auto& block : *blocks_) {
     for (const ScanPose& pose : UnpackPoses(*block)) visit(pose);
   }
-  for (const auto& scan : tail_) visit({scan->utime, scan->world_T_robot});
+  for (const PackedScan& scan : tail_) visit(scan.pose);
 }
 
 ScanArchive ScanArchive::Filtered(absl::FunctionRef<bool(const ScanPose&)> is_kept) const {
@@ -105,8 +125,8 @@ ScanArchive ScanArchive::Filtered(absl::FunctionRef<bool(const ScanPose&)> is_ke
       if (keep[k]) kept.Add(scans[k], block->model);
     }
   }
-  for (const auto& scan : tail_) {
-    if (is_kept({scan->utime, scan->world_T_robot})) kept.Add(scan, tail_model_);
+  for (const PackedScan& scan : tail_) {
+    if (is_kept(scan.pose)) kept.Add(scan, tail_model_);
   }
   return kept;
 }
@@ -125,10 +145,9 @@ ScanArchive ScanArchive::Moved(absl::FunctionRef<FixedPose2(const ScanPose&)> mo
     }
     moved.Add(is_moved ? WithPoses(*block, poses) : block);
   }
-  for (const auto& scan : tail_) {
-    auto copy = std::make_shared<PosedScan>(*scan);
-    copy->world_T_robot = move({scan->utime, scan->world_T_robot});
-    moved.Add(std::move(copy), tail_model_);
+  for (PackedScan scan : tail_) {
+    scan.pose.world_T_robot = move(scan.pose);
+    moved.Add(std::move(scan), tail_model_);
   }
   return moved;
 }

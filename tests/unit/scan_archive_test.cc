@@ -3,9 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <fstream>
 #include <random>
 
 #include "lib/mapping/fold.h"
+#include "tests/support/shared_data.h"
 
 namespace splinemap::scan_archive_test {
 
@@ -93,6 +95,26 @@ TEST(ScanArchiveTest, GivesBackWhatWasAddedToTheLastBit) {
   }
   ExpectEqual(ScansOf(read), scans);
   EXPECT_LT(archive.bytes(), 700u * 60 * 8);
+}
+
+std::string Content(const std::string& name) {
+  std::ifstream file(TestData(name), std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+// Of before scans had records.
+TEST(ScanArchiveTest, ReadsEarlierBlocks) {
+  const std::string poses = Content("scan_block_of_planes/poses");
+  const std::string beams = Content("scan_block_of_planes/beams");
+  const auto block = BlockOf(poses, beams);
+  ASSERT_TRUE(block.ok()) << block.status();
+  ExpectEqual(UnpackScans(**block), RandomScans(30, 20));
+  ScanArchive archive;
+  archive.Add(*block);
+  EXPECT_EQ(*archive.Blocks().front()->beams, beams);
+  for (size_t size = 0; size < beams.size(); size += 7) {
+    EXPECT_FALSE(BlockOf(poses, beams.substr(0, size)).ok());
+  }
 }
 
 TEST(ScanArchiveTest, AnotherBeamModelBeginsAnotherBlock) {

@@ -31,7 +31,7 @@ struct ScanBlock {
 
   BeamModelOptions model;
   std::string poses;                         // a PosesRecord
-  std::shared_ptr<const std::string> beams;  // a BeamsRecord, compressed
+  std::shared_ptr<const std::string> beams;  // a BeamsRecord
   int num_scans = 0;
 
   size_t bytes() const { return poses.size() + beams->size(); }
@@ -39,9 +39,16 @@ struct ScanBlock {
 
 using PosedScans = std::vector<std::shared_ptr<const PosedScan>>;
 
-// Requires one scan at least, and not more than fit.
-std::shared_ptr<const ScanBlock> PackScans(
-    const BeamModelOptions& model, absl::Span<const std::shared_ptr<const PosedScan>> scans);
+// A scan whose beams are packed (lib/archive/scan_record.h).
+struct PackedScan {
+  ScanPose pose;
+  size_t num_beams = 0;
+  std::shared_ptr<const std::string> beams;
+};
+
+// Requires one scan at least, and not more than fit, all of them of this model.
+std::shared_ptr<const ScanBlock> MakeBlock(const BeamModelOptions& model,
+                                           absl::Span<const PackedScan> scans);
 // Of bytes that a file says. DataLoss where they cannot be.
 absl::StatusOr<std::shared_ptr<const ScanBlock>> BlockOf(std::string poses, std::string beams);
 PosedScans UnpackScans(const ScanBlock& block);
@@ -71,11 +78,11 @@ class ScanArchive {
   int64_t num_scans() const { return num_scans_; }
   // Of them and those that were taken out.
   int64_t scans_added() const { return num_scans_ + taken_out_; }
-  // Packed; of scans that are not packed yet, an estimate.
+  // Packed; of the poses of the last scans, an estimate.
   size_t bytes() const { return bytes_; }
 
   // After all others.
-  void Add(std::shared_ptr<const PosedScan> scan, const BeamModelOptions& model);
+  void Add(const std::shared_ptr<const PosedScan>& scan, const BeamModelOptions& model);
   void Add(std::shared_ptr<const ScanBlock> block);
 
   // The oldest block, which is taken out; null where there is none.
@@ -100,11 +107,12 @@ class ScanArchive {
  private:
   using BlockList = std::vector<std::shared_ptr<const ScanBlock>>;
 
-  void Pack();
+  void Add(PackedScan scan, const BeamModelOptions& model);
+  void CloseBlock();
 
   std::shared_ptr<const BlockList> blocks_ = std::make_shared<BlockList>();
   // Scans that do not fill a block yet, and what is to be known of them.
-  PosedScans tail_;
+  std::vector<PackedScan> tail_;
   BeamModelOptions tail_model_;
   size_t tail_beams_ = 0;
   int64_t num_scans_ = 0;
