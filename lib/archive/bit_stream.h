@@ -30,14 +30,15 @@ inline uint32_t Stepped(uint32_t from, uint64_t zigzag) {
 }
 
 // The number of binary digits; 0 has none.
-inline int NumDigits(uint64_t number) { return static_cast<int>(std::bit_width(number)); }
+constexpr int NumDigits(uint64_t number) { return static_cast<int>(std::bit_width(number)); }
 
-// Rice bits by digits. Measured on recorded ranges: after a jump the next number is mostly small
-// again.
-inline constexpr std::array<uint8_t, 66> kRiceBits = [] {
-  std::array<uint8_t, 66> bits{};
-  for (int digits = 0; digits <= 64; ++digits) {
-    bits[digits + 1] = static_cast<uint8_t>(std::max(0, std::min(digits - 2, (digits + 3) / 2)));
+// Rice bits by the sum of two numbers; greater sums count as the last. Measured on recorded ranges:
+// after a jump the next number is mostly small again.
+inline constexpr std::array<uint8_t, 1024> kRiceBits = [] {
+  std::array<uint8_t, 1024> bits{};
+  for (size_t sum = 0; sum < bits.size(); ++sum) {
+    const int digits = NumDigits(sum);
+    bits[sum] = static_cast<uint8_t>(std::max(0, std::min(digits - 2, (digits + 3) / 2)));
   }
   return bits;
 }();
@@ -49,7 +50,8 @@ struct RiceContext {
   uint64_t last = 2, before_last = 2;
 
   int RiceBits() const {
-    return noise_bits + kRiceBits[NumDigits(((last + before_last) >> noise_bits) << 1 | 1)];
+    return noise_bits +
+           kRiceBits[std::min<uint64_t>((last + before_last) >> noise_bits, kRiceBits.size() - 1)];
   }
   void Add(uint64_t number) {
     before_last = last;

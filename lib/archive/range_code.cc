@@ -17,14 +17,14 @@ static_assert(kNumRangeUnits < 1 << kUnitBits);
 // Sets `numbers` to the ranges in these units. False unless they are RangeOf() of them to the last
 // bit.
 bool RangesIn(uint32_t unit_um, const std::vector<Beam>& beams, uint32_t* numbers) {
-  constexpr double kLimit = 1 << 24;
-  const double per_m = 1e6 / unit_um;
+  constexpr float kLimit = 1 << 24;
+  const auto per_m = static_cast<float>(1e6 / unit_um);
   const auto convert = [&](size_t begin, size_t end) {
     uint32_t differ = 0;
     // Without a branch, so that compilers do several at once.
     for (size_t k = begin; k < end; ++k) {
       const float range_m = beams[k].range_m;
-      const auto units = static_cast<int32_t>(std::min(kLimit, range_m * per_m + 0.5));
+      const auto units = static_cast<int32_t>(std::min(kLimit, range_m * per_m + 0.5F));
       numbers[k] = static_cast<uint32_t>(units);
       differ |= std::bit_cast<uint32_t>(RangeOf(units, unit_um)) ^ std::bit_cast<uint32_t>(range_m);
     }

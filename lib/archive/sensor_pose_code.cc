@@ -34,7 +34,8 @@ class RecentSteps {
 // were: so are headings.
 struct YawCode {
   RecentSteps recent;
-  RiceContext index, new_step;
+  RiceContext index;
+  RiceContext new_step{.noise_bits = 10};  // of units of which a turn has 2^32
 };
 
 // What x and y of a sensor are likely to be: they go on evenly, and the heading tells how far. So
