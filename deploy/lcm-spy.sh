@@ -8,7 +8,7 @@ usage: deploy/lcm-spy.sh [--lcm-url=URL]    (splinemap-spy, where splinemap is i
 
 Opens lcm-spy, which then shows the types of splinemap, bot_core and Michigan, and those of your own
 jars: CLASSPATH=my_types.jar deploy/lcm-spy.sh
-Where a jar of yours has a type as well, yours is shown. A double click on SPLINEMAP_UPDATES or
+Where a jar of yours has a type as well, yours is shown. A double click on SPLINEMAP_SCANS or
 SPLINEMAP_DIGESTS opens the map in your browser, the page of a splinemap-viewer that runs beside the
 bus; their fields are on the menu of the right button. The page is http://localhost:8086/, or
 another: SPLINEMAP_VIEWER=https://base:8086/?token=0123 deploy/lcm-spy.sh

@@ -17,6 +17,7 @@ import javax.swing.SwingUtilities;
 import lcm.spy.ChannelData;
 import lcm.spy.SpyPlugin;
 import splinemap.layer_digest_t;
+import splinemap.layer_scans_t;
 import splinemap.layer_updates_t;
 
 /** Opens the page of splinemap-viewer, the map as it grows, in the user's browser. */
@@ -25,10 +26,11 @@ public final class MapPlugin implements SpyPlugin {
   private static final Duration ANSWER_TIMEOUT = Duration.ofSeconds(3);
   private static final int BROWSER_TIMEOUT_S = 5;
 
-  /** Digests count, too: there are no updates to click on while a robot stands still. */
+  /** Digests count, too: there are no scans to click on while a robot stands still. */
   @Override
   public boolean canHandle(long fingerprint) {
-    return fingerprint == layer_updates_t.LCM_FINGERPRINT
+    return fingerprint == layer_scans_t.LCM_FINGERPRINT
+        || fingerprint == layer_updates_t.LCM_FINGERPRINT
         || fingerprint == layer_digest_t.LCM_FINGERPRINT;
   }
 

@@ -101,7 +101,8 @@ std::string LiveView::LayerLines(double passed_s) {
   for (const FollowedLayer& layer : replica_.FollowedLayers()) {
     text += fmt::format("{:<20} {:>7} {:>7} {:>9} {:>15} {:>9} {:>9}  {}\n",
                         PlainText(layer.id.name), layer.session.number, layer.tiles, layer.revision,
-                        Staleness(layer.staleness_ms), layer.counts.asked_tiles,
+                        Staleness(layer.staleness_ms),
+                        layer.counts.asked_tiles + layer.counts.asked_scans,
                         layer.counts.unusable, layer.caught_up ? "caught up" : "behind");
   }
   for (const std::string& refused : replica_.Refused()) {

@@ -93,6 +93,8 @@ absl::StatusOr<int> TakeSnapshot(SnapshotFlags flags) {
   if (!flags.follow.level_of_detail.IsValid()) {
     return InvalidArgument("--statistic {} requires a --level above 0", flags.statistic);
   }
+  // Once, what daemons make of a large map is less to send than all of it.
+  flags.follow.takes_tiles = flags.follow.level_of_detail.level > 0;
   std::vector<std::string> inputs;
   if (!flags.log.empty()) inputs.push_back(flags.log);
   SPLINEMAP_RETURN_IF_ERROR(CheckMapOutput(flags.output, inputs));

@@ -110,6 +110,16 @@ absl::StatusOr<std::shared_ptr<const ScanBlock>> BlockOf(std::string poses, std:
 
 std::vector<ScanPose> UnpackPoses(const ScanBlock& block) { return *PosesOf(block.poses); }
 
+std::vector<PackedScan> ScansOf(const ScanBlock& block) {
+  std::vector<PackedScan> packed;
+  for (const auto& scan : UnpackScans(block)) {
+    packed.push_back({{scan->utime, scan->world_T_robot},
+                      scan->beams.size(),
+                      std::make_shared<const std::string>(PackBeams(*scan, block.model))});
+  }
+  return packed;
+}
+
 PosedScans UnpackScans(const ScanBlock& block) {
   return Unpack(*block.beams, UnpackPoses(block))->scans;
 }

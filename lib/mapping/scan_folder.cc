@@ -31,12 +31,22 @@ absl::Status ScanFolder::Check(const PlacedScan& scan) const {
 }
 
 void ScanFolder::Fold(const PlacedScan& scan, const BeamModelOptions& model, Layer& layer) {
+  Accumulate(scan, model);
+  scratch_.CommitTo(layer, options_.limits);
+}
+
+void ScanFolder::Fold(const PlacedScan& scan, const BeamModelOptions& model, uint64_t revision,
+                      TileTreeEditor& tiles, absl::FunctionRef<bool(TileKey)> is_taken) {
+  Accumulate(scan, model);
+  scratch_.CommitTo(tiles, revision, options_.limits, {}, is_taken);
+}
+
+void ScanFolder::Accumulate(const PlacedScan& scan, const BeamModelOptions& model) {
   if (!model_ || model_options_ != model) {
     model_options_ = model;
     model_.emplace(model, options_.knot_interval_m);
   }
   model_->Accumulate(scan.beams, scratch_);
-  scratch_.CommitTo(layer, options_.limits);
 }
 
 }  // namespace splinemap

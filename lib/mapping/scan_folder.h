@@ -21,12 +21,20 @@ class ScanFolder {
   absl::Status Check(const PlacedScan& scan) const;
   // Requires Check().
   void Fold(const PlacedScan& scan, const BeamModelOptions& model, Layer& layer);
+  // The same into those tiles for which `is_taken` is true, which is asked once for each that would
+  // change; changes are stamped with `revision`.
+  void Fold(const PlacedScan& scan, const BeamModelOptions& model, uint64_t revision,
+            TileTreeEditor& tiles, absl::FunctionRef<bool(TileKey)> is_taken);
+
+  const MapOptions& options() const { return options_; }
 
   static constexpr double kMaxReachKnots = 4096;
   // Robots further out are refused, so that no beam leaves the range of kMaxKnotIndex.
   static double MaxCoordinate_m(const MapOptions& options);
 
  private:
+  void Accumulate(const PlacedScan& scan, const BeamModelOptions& model);
+
   MapOptions options_;
   BeamModelOptions model_options_;
   std::optional<BeamModel> model_;  // of model_options_

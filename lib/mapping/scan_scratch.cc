@@ -111,17 +111,25 @@ void ScanScratch::AddFaceLines(absl::Span<const PlacedBeam> beams, absl::Span<co
 }
 
 void ScanScratch::CommitTo(Layer& layer, ControlLimits limits, ControlLimits scan_limits) {
-  layer.BeginCommit();
-  CommitSums(layer, limits, scan_limits);
-  CommitDistances(layer, limits);
+  layer.Commit([&](TileTreeEditor& tiles, uint64_t revision) {
+    CommitTo(tiles, revision, limits, scan_limits, [](TileKey) { return true; });
+  });
 }
 
-void ScanScratch::CommitSums(Layer& layer, ControlLimits limits, ControlLimits scan_limits) {
+void ScanScratch::CommitTo(TileTreeEditor& tiles, uint64_t revision, ControlLimits limits,
+                           ControlLimits scan_limits, absl::FunctionRef<bool(TileKey)> is_taken) {
+  const Commit commit{tiles, revision, limits, is_taken};
+  CommitSums(commit, scan_limits);
+  CommitDistances(commit);
+}
+
+void ScanScratch::CommitSums(const Commit& commit, ControlLimits scan_limits) {
   Collect(kernel_.log_odds, log_odds_);
   ForEachTouched(log_odds_.upright, [&](TouchedTile<int32_t> tile) {
-    if (kernel_.has_change(tile.sums)) {
-      kernel_.commit(tile.sums, limits, scan_limits,
-                     layer.EditTile({tile.tx, tile.ty}).control_points.data());
+    const TileKey key{tile.tx, tile.ty};
+    if (kernel_.has_change(tile.sums) && commit.is_taken(key)) {
+      kernel_.commit(tile.sums, commit.limits, scan_limits,
+                     commit.tiles.Edit(key, commit.revision).control_points.data());
     } else {
       std::memset(tile.sums, 0, Tile::kSide * SumBlock<int32_t>::kStride * sizeof(*tile.sums));
     }
@@ -129,7 +137,7 @@ void ScanScratch::CommitSums(Layer& layer, ControlLimits limits, ControlLimits s
   log_odds_.upright.Clear();
 }
 
-void ScanScratch::CommitDistances(Layer& layer, ControlLimits limits) {
+void ScanScratch::CommitDistances(const Commit& commit) {
   static const Tile kUntouched;
   Tile result;
   Collect(kernel_.free, free_);
@@ -138,12 +146,14 @@ void ScanScratch::CommitDistances(Layer& layer, ControlLimits limits) {
     Touch(free_.upright, tile.tx, tile.ty, tile.groups);
   });
   ForEachTouched(free_.upright, [&](TouchedTile<uint16_t> tile) {
+    const TileKey key{tile.tx, tile.ty};
     const TouchedTile<FaceSum> faces = Find(faces_.upright, tile.tx, tile.ty);
-    const Tile* from = layer.tiles().Find({tile.tx, tile.ty});
+    const Tile* from = commit.tiles.tree().Find(key);
+    // Also where the tile is not taken: it clears the sums.
     const bool is_changed = kernel_.commit_distances(
-        tile.sums, tile.groups, faces.sums, faces.groups, limits,
+        tile.sums, tile.groups, faces.sums, faces.groups, commit.limits,
         (from == nullptr ? kUntouched : *from).control_points.data(), result.control_points.data());
-    if (is_changed) layer.EditTile({tile.tx, tile.ty}) = result;
+    if (is_changed && commit.is_taken(key)) commit.tiles.Edit(key, commit.revision) = result;
   });
   free_.upright.Clear();
   faces_.upright.Clear();

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "absl/functional/function_ref.h"
 #include "absl/types/span.h"
 #include "lib/mapping/scan_kernel.h"
 #include "lib/mapping/sum_plane.h"
@@ -54,6 +55,10 @@ class ScanScratch {
   // occupied / weight: c += (d - c) * min(weight, kMostWeight) / 2^kForgetBits, and c = d at a
   // control point that was never touched.
   void CommitTo(Layer& layer, ControlLimits limits, ControlLimits scan_limits = {});
+  // The same into those tiles for which `is_taken` is true, which is asked once for each that would
+  // change; changes are stamped with `revision`.
+  void CommitTo(TileTreeEditor& tiles, uint64_t revision, ControlLimits limits,
+                ControlLimits scan_limits, absl::FunctionRef<bool(TileKey)> is_taken);
 
  private:
   // Sums by the axis that their beams are steep to.
@@ -63,8 +68,14 @@ class ScanScratch {
     SumPlane<Sum> transposed;  // x and y exchanged
   };
 
-  void CommitSums(Layer& layer, ControlLimits limits, ControlLimits scan_limits);
-  void CommitDistances(Layer& layer, ControlLimits limits);
+  struct Commit {
+    TileTreeEditor& tiles;
+    uint64_t revision;
+    ControlLimits limits;
+    absl::FunctionRef<bool(TileKey)> is_taken;
+  };
+  void CommitSums(const Commit& commit, ControlLimits scan_limits);
+  void CommitDistances(const Commit& commit);
   // All to `upright`, without aprons.
   template <typename Sum>
   static void Collect(const TileKernel<Sum>& kernel, Planes<Sum>& planes);

@@ -5,6 +5,7 @@
 
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -53,6 +54,7 @@ void LayerExchange::HandleAsOwner(const ReplicationMessage& message, Clock::time
     guard_.HandleKnown(ref, OwnRef(), now);
     publisher_->HandlePull(*pull, now);
   }
+  if (const auto* pull = std::get_if<scan_pull_t>(&message)) publisher_->HandleScanPull(*pull, now);
   const auto* digest = std::get_if<layer_digest_t>(&message);
   if (digest == nullptr) return;
   const LayerRef ref = FromMessage(digest->layer);

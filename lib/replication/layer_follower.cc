@@ -1,5 +1,6 @@
 #include "lib/replication/layer_follower.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <utility>
 
@@ -7,6 +8,7 @@
 #include "lcmtypes/splinemap/layer_ref_t.hpp"
 #include "lcmtypes/splinemap/node_listing_t.hpp"
 #include "lcmtypes/splinemap/tile_update_t.hpp"
+#include "lib/archive/scan_record.h"
 #include "lib/layers/validity.h"
 
 namespace splinemap {
@@ -38,6 +40,16 @@ constexpr uint64_t kMaxAhead = uint64_t{1} << 20;
 // How often owners have to be told that a coarser level is still wanted.
 constexpr milliseconds kRenewal(5000);
 
+// A scan that does not come for so long is given up: tiles tell what it changed.
+constexpr int kMaxAsksForScans = 16;
+// Folds that were not the owner's so often in a row are made by another kind of processor, or of
+// what is not the owner's. Tiles are taken for a while.
+constexpr int kMaxMisfolds = 3;
+constexpr std::chrono::seconds kWithoutScans(60);
+constexpr int kMaxOvertakenDigests = 3;
+// How far a scan changes control points beyond its hits.
+constexpr double kMarginKnots = 8;
+
 constexpr int64_t kMaxLate_us = 5'000'000;
 // No message is later than that: a digest of a lesser state that comes then is the owner's, and the
 // one before was not.
@@ -52,11 +64,19 @@ bool WasOvertaken(const layer_digest_t& digest, const layer_digest_t& last) {
 
 }  // namespace
 
-LayerFollower::LayerFollower(LayerId id, uint64_t seed, Subset part)
-    : id_(std::move(id)), subset_(part), random_(seed) {}
+LayerFollower::LayerFollower(LayerId id, uint64_t seed, Subset part,
+                             std::shared_ptr<ScanFolder> folder)
+    : id_(std::move(id)),
+      subset_(part),
+      folder_(part.level_of_detail == LevelOfDetail{} ? std::move(folder) : nullptr),
+      random_(seed),
+      intake_(seed) {}
 
-LayerFollower::LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::time_point now)
-    : id_(kept.id), random_(seed), last_heard_(now), last_spoken_for_(now) {
+LayerFollower::LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::time_point now,
+                             std::shared_ptr<ScanFolder> folder)
+    : LayerFollower(kept.id, seed, Subset(), std::move(folder)) {
+  last_heard_ = now;
+  last_spoken_for_ = now;
   BeginTree(kept.session);
   ReplaceTiles(kept);
   is_established_ = true;
@@ -95,16 +115,16 @@ void LayerFollower::BeginTree(std::optional<SessionId> session) {
   at_digest_ = {};
   revision_ = 0;
   newest_revision_ = 0;
-  pending_.clear();
-  check_.reset();
+  StopFolding();
+  sends_scans_ = false;
+  misfolds_ = 0;
+  no_scans_until_.reset();
   checked_hash_.reset();
   checked_nodes_.clear();
   unlisted_.clear();
   unlisted_before_.clear();
   disowned_.clear();
   next_renewal_.reset();
-  matches_digest_ = false;
-  caught_up_ = false;
 }
 
 void LayerFollower::ReplaceTiles(const LayerSnapshot& layer) {
@@ -163,11 +183,13 @@ void LayerFollower::HandleDigest(const layer_digest_t& digest, Clock::time_point
     return;
   }
   if (FromMessage(digest.layer).id != id_) return;
+  if (no_scans_until_ && now >= *no_scans_until_) no_scans_until_.reset();
   if (IsOwners(digest)) {
     HandleOwnersDigest(digest, now);
   } else {
     HandleProxyDigest(digest, now);
   }
+  FoldWhatIsThere(now);
 }
 
 void LayerFollower::HandleOwnersDigest(const layer_digest_t& digest, Clock::time_point now) {
@@ -216,6 +238,34 @@ void LayerFollower::HandleProxyDigest(const layer_digest_t& digest, Clock::time_
 void LayerFollower::CompareWith(const layer_digest_t& digest, bool is_owners,
                                 Clock::time_point now) {
   digest_ = digest;
+  const auto revision = static_cast<uint64_t>(digest.revision);
+  if (is_owners) intake_.ForgetAfter(revision);  // what it did not send yet, others did
+  digest_is_ahead_ = IsFolding() && *folded_ < revision;
+  if (digest_is_ahead_) {
+    caught_up_ = false;
+    matches_digest_ = false;
+  } else {
+    Compare(is_owners, now);
+  }
+}
+
+// With what the last digest says. While scans are folded and it is of the whole layer, hashes can
+// only be compared where both are of the same commit.
+void LayerFollower::Compare(bool is_owners, Clock::time_point now) {
+  const layer_digest_t& digest = *digest_;
+  if (IsFolding()) {
+    // A digest that scans have overtaken tells nothing; several tell that they are not the owner's.
+    const bool is_overtaken = *folded_ > static_cast<uint64_t>(digest.revision);
+    overtaken_digests_ = is_overtaken && is_owners ? overtaken_digests_ + 1 : 0;
+    const bool is_false =
+        overtaken_digests_ >= kMaxOvertakenDigests || (!is_overtaken && !subset_.box && !Matches());
+    if (is_false) {
+      CountMisfold(now);
+    } else if (is_overtaken && !subset_.box) {
+      matches_digest_ = Matches();
+      return;
+    }
+  }
   at_digest_ = tiles_.Freeze();
   if (!subset_.box) caught_up_ = false;  // what changed beside a part says nothing of it
   UpdateSync(now);
@@ -276,8 +326,123 @@ void LayerFollower::UpdateSync(Clock::time_point now) {
   if (matches_digest_) {
     synced_ = OwnSnapshot();
     synced_hash_ = static_cast<uint64_t>(digest_->hash);
+    misfolds_ = 0;
+  }
+  if (!IsFolding() && IsOwners(done->digest) && unlisted_.empty()) {
+    folded_ = revision_;
+    intake_.ForgetUpTo(revision_);
   }
   ForgetPreviousSession();
+}
+
+void LayerFollower::StopFolding() {
+  folded_.reset();
+  digest_is_ahead_ = false;
+  overtaken_digests_ = 0;
+  intake_.Clear();
+  recent_scans_.Clear();
+  pending_.clear();
+  check_.reset();
+  matches_digest_ = false;
+  caught_up_ = false;
+}
+
+void LayerFollower::CountMisfold(Clock::time_point now) {
+  ++counts_.misfolded;
+  if (++misfolds_ >= kMaxMisfolds) {
+    misfolds_ = 0;
+    no_scans_until_ = now + kWithoutScans;
+  }
+  StopFolding();
+}
+
+void LayerFollower::HandleScans(const layer_scans_t& scans, Clock::time_point now) {
+  if (!Admit(scans.layer) || !digest_) return;
+  sends_scans_ |= scans.speaker == scans.layer.session_nonce;
+  if (!TakesScans()) return;
+  const auto told = static_cast<uint64_t>(digest_->revision);
+  const uint64_t known = folded_  ? *folded_
+                         : check_ ? static_cast<uint64_t>(check_->digest.revision)
+                                  : told;
+  // Where the owner is silent, others can only send what somebody vouches for.
+  const uint64_t last = owner_is_silent_ ? told : told + kMaxAhead;
+  for (const scan_record_t& scan : scans.scans) {
+    const auto revision = static_cast<uint64_t>(scan.revision);
+    if (revision > last) {
+      ++counts_.unusable;
+    } else if (revision <= known || !intake_.Add(scan)) {
+      ++counts_.stale;
+    }
+  }
+  FoldWhatIsThere(now);
+  const bool is_lost = IsFolding() && intake_.times_asked() > 0 &&
+                       static_cast<uint64_t>(scans.oldest) > *folded_ + 1;
+  if (is_lost) StopFolding();
+}
+
+void LayerFollower::FoldWhatIsThere(Clock::time_point now) {
+  while (IsFolding()) {
+    std::optional<SentScan> scan = intake_.Take(*folded_ + 1);
+    if (!scan) break;
+    if (!Fold(*scan)) {
+      ++counts_.unusable;
+      break;
+    }
+    recent_scans_.Add(*std::move(scan));
+    if (digest_is_ahead_ && *folded_ == static_cast<uint64_t>(digest_->revision)) {
+      digest_is_ahead_ = false;
+      Compare(IsOwners(*digest_), now);
+    }
+  }
+  if (!IsFolding()) return;
+  intake_.SetGap(*folded_, std::max(intake_.newest(), static_cast<uint64_t>(digest_->revision)),
+                 now);
+}
+
+// Tiles that are later than the scan, from updates, have it already. False for what no owner can
+// have mapped.
+bool LayerFollower::Fold(const SentScan& scan) {
+  absl::StatusOr<UnpackedBeams> beams =
+      UnpackBeams({reinterpret_cast<const uint8_t*>(scan.beams.data()), scan.beams.size()});
+  if (!beams.ok()) return false;
+  beams->scan.utime = scan.utime;
+  beams->scan.world_T_robot = scan.layer_T_robot;
+  Place(beams->scan, FixedPose2(), placed_);
+  if (!folder_->Check(placed_).ok()) return false;
+  folded_ = scan.revision;
+  newest_revision_ = std::max(newest_revision_, scan.revision);
+  ++counts_.folded;
+  if (IsBeside(placed_)) return true;
+  fold_edits_.clear();
+  folder_->Fold(placed_, beams->model, scan.revision, tiles_, [&](TileKey key) {
+    if (subset_.box && !subset_.box->Contains(key)) return false;
+    const bool is_known = tiles_.tree().Find(key) != nullptr;
+    if (is_known ? tiles_.tree().RevisionOf(key) >= scan.revision : IsFull()) return false;
+    fold_edits_.push_back(key);
+    return true;
+  });
+  for (const TileKey key : fold_edits_) {
+    index_.Set(key, TileChecksum(key, *tiles_.tree().Find(key)));
+    NoteChange(key);
+  }
+  if (!fold_edits_.empty()) ++version_;
+  return true;
+}
+
+// Whether it changes nothing of the part.
+bool LayerFollower::IsBeside(const PlacedScan& scan) const {
+  if (!subset_.box || scan.beams.empty()) return false;
+  Eigen::AlignedBox2d box_m;
+  for (const PlacedBeam& beam : scan.beams) {
+    box_m.extend(beam.origin_world_m);
+    box_m.extend(beam.origin_world_m + beam.range_m * beam.direction_world);
+  }
+  const double tile_m = Tile::kSide * folder_->options().knot_interval_m;
+  const double margin_m = kMarginKnots * folder_->options().knot_interval_m;
+  const Eigen::AlignedBox2d part_m(Eigen::Vector2d(subset_.box->tx0, subset_.box->ty0) * tile_m,
+                                   Eigen::Vector2d(subset_.box->tx1, subset_.box->ty1) * tile_m);
+  const Eigen::Vector2d margin(margin_m, margin_m);
+  return !Eigen::AlignedBox2d(box_m.min() - margin, box_m.max() + margin).intersects(part_m);
 }
 
 // What came after the last digest of an owner that is gone, nobody can vouch for; where the copy
@@ -289,10 +454,15 @@ void LayerFollower::DropWhatCameLast() {
     return;
   }
   ReplaceTiles(*synced_);
+  if (!folded_) return;
+  folded_ = revision_;
+  digest_is_ahead_ = false;
+  intake_.Clear();
+  recent_scans_.DropAfter(revision_);
 }
 
 void LayerFollower::HandleUpdates(const layer_updates_t& updates) {
-  if (!Admit(updates.layer) || !digest_) return;
+  if (!Admit(updates.layer) || !digest_ || IsFolding()) return;
   for (const tile_update_t& update : updates.tiles) Apply(update);
 }
 
@@ -357,6 +527,11 @@ void LayerFollower::Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t
   ++version_;
   const auto wanted = pending_.find({0, key.tx, key.ty});
   if (wanted != pending_.end() && wanted->second.revision <= revision) pending_.erase(wanted);
+  NoteChange(key);
+}
+
+// Of a part, what was compared before says nothing any more.
+void LayerFollower::NoteChange(TileKey key) {
   if (!subset_.box) return;
   checked_hash_.reset();
   if (check_) check_->is_undisturbed = false;
@@ -450,7 +625,13 @@ bool LayerFollower::HandleChild(const NodeKey& child, uint64_t hash, uint64_t re
   }
   const TileKey key{child.x, child.y};
   if (!IsInRange(key)) return false;
-  if (const uint64_t known = tiles_.tree().RevisionOf(key); known >= revision) {
+  const uint64_t known = tiles_.tree().RevisionOf(key);
+  if (IsFolding()) {
+    // Scans that are on their way will make it equal, or have changed it since it was listed.
+    if (revision <= *folded_ && known <= revision) CountMisfold(now);
+    return false;
+  }
+  if (known >= revision) {
     if (!check_ || !check_->is_owners) return false;
     if (known > revision && !IsDisowned(key, known)) return false;
     disowned_[key] = revision;
@@ -491,7 +672,10 @@ void LayerFollower::HandlePull(const layer_pull_t& pull, Clock::time_point now) 
   const LayerRef ref = FromMessage(pull.layer);
   if (ref.id != id_ || ref.session != session_ || ref.level_of_detail != subset_.level_of_detail)
     return;
-  if (next_renewal_) next_renewal_ = now + kRenewal + random_.UpTo(kRenewal);
+  // Of tiles as they were mapped, pushes are asked for by a pull of no nodes alone.
+  if (next_renewal_ && (pull.num_nodes == 0 || subset_.level_of_detail.level > 0)) {
+    next_renewal_ = now + kRenewal + random_.UpTo(kRenewal);
+  }
   next_objection_.reset();  // this pull is one
   for (int n = 0; n < pull.num_nodes; ++n) {
     const auto wanted = pending_.find({pull.levels[n], pull.xs[n], pull.ys[n]});
@@ -499,6 +683,11 @@ void LayerFollower::HandlePull(const layer_pull_t& pull, Clock::time_point now) 
     if (++wanted->second.times_postponed > kMaxPostponed) continue;
     wanted->second.due = std::max(wanted->second.due, now + kRetry + random_.UpTo(kMaxBackOff));
   }
+}
+
+void LayerFollower::HandleScanPull(const scan_pull_t& pull, Clock::time_point now) {
+  const LayerRef ref = FromMessage(pull.layer);
+  if (ref.id == id_ && ref.session == session_) intake_.HandlePull(pull, now);
 }
 
 void LayerFollower::Want(const NodeKey& node, uint64_t revision, Clock::time_point now) {
@@ -517,17 +706,36 @@ void LayerFollower::GiveUpCheck() {
   caught_up_ = false;
 }
 
-std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
-  std::vector<layer_pull_t> pulls;
+LayerFollower::Pulls LayerFollower::Tick(Clock::time_point now) {
+  Pulls pulls;
   CheckSession(now);
   if (!session_) return pulls;
   if (!std::exchange(owner_is_silent_, OwnerIsSilent(now)) && owner_is_silent_) DropWhatCameLast();
   if (!caught_up_ || check_) UpdateSync(now);
+  FoldWhatIsThere(now);
   const int max_asks = OwnerIsSilent(now) ? kMaxAsksOfProxies : kMaxAsks;
   const size_t given_up = absl::erase_if(pending_, [&](const auto& wanted) {
     return wanted.second.times_asked >= max_asks && wanted.second.due <= now;
   });
   if (given_up > 0) GiveUpCheck();
+  AskForTiles(now, pulls.nodes);
+  for (layer_pull_t& pull : pulls.nodes) pull.num_nodes = static_cast<int32_t>(pull.levels.size());
+  if (IsFolding() &&
+      intake_.times_asked() >= (OwnerIsSilent(now) ? kMaxAsksOfProxies : kMaxAsksForScans)) {
+    StopFolding();
+  }
+  if (IsFolding()) pulls.scans = intake_.Ask(now);
+  if (pulls.scans) {
+    pulls.scans->layer = ToMessage(LayerRef{id_, *session_, {}});
+    ++counts_.asked_scans;
+  }
+  return pulls;
+}
+
+void LayerFollower::AskForTiles(Clock::time_point now, std::vector<layer_pull_t>& pulls) {
+  const auto add_pull = [&] {
+    pulls.emplace_back().layer = ToMessage(LayerRef{id_, *session_, subset_.level_of_detail});
+  };
   size_t asked = 0;
   for (const auto& [node, wanted] : pending_) {
     asked += wanted.times_asked > 0 && wanted.due > now ? 1 : 0;
@@ -535,9 +743,7 @@ std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
   for (auto& [node, wanted] : pending_) {
     if (asked >= kMaxAskedAtOnce) break;
     if (wanted.due > now) continue;
-    if (pulls.empty() || pulls.back().levels.size() >= kNodesPerPull) {
-      pulls.emplace_back().layer = ToMessage(LayerRef{id_, *session_, subset_.level_of_detail});
-    }
+    if (pulls.empty() || pulls.back().levels.size() >= kNodesPerPull) add_pull();
     pulls.back().levels.push_back(node.level);
     pulls.back().xs.push_back(node.x);
     pulls.back().ys.push_back(node.y);
@@ -547,21 +753,17 @@ std::vector<layer_pull_t> LayerFollower::Tick(Clock::time_point now) {
     wanted.due = now + kRetry + random_.UpTo(kRetry);
     ++wanted.times_asked;
   }
-  const auto name_session = [&] {
-    if (pulls.empty())
-      pulls.emplace_back().layer = ToMessage(LayerRef{id_, *session_, subset_.level_of_detail});
-  };
   if (next_objection_ && *next_objection_ <= now) {
     next_objection_.reset();
-    name_session();
+    if (pulls.empty()) add_pull();
   }
-  if (subset_.level_of_detail.level > 0 && session_ &&
-      (!next_renewal_ || *next_renewal_ <= now || !pulls.empty())) {
-    next_renewal_ = now + kRenewal + random_.UpTo(kRenewal);
-    name_session();
-  }
-  for (layer_pull_t& pull : pulls) pull.num_nodes = static_cast<int32_t>(pull.levels.size());
-  return pulls;
+  if (!RenewsPushes()) return;
+  const bool is_coarser = subset_.level_of_detail.level > 0;
+  const bool is_due = !next_renewal_ || *next_renewal_ <= now;
+  if (!is_due && !(is_coarser && !pulls.empty())) return;
+  next_renewal_ = now + kRenewal + random_.UpTo(kRenewal);
+  // Any pull of a coarser level will do; pushes are asked for by one of no nodes.
+  if (pulls.empty() || (!is_coarser && !pulls.back().levels.empty())) add_pull();
 }
 
 Clock::time_point LayerFollower::NextTick(Clock::time_point now) const {
@@ -570,7 +772,9 @@ Clock::time_point LayerFollower::NextTick(Clock::time_point now) const {
   if (!pending_.empty()) return now + kWorking;
   Clock::time_point next = now + kIdle;
   if (next_objection_) next = std::min(next, *next_objection_);
-  return subset_.level_of_detail.level > 0 && next_renewal_ ? std::min(next, *next_renewal_) : next;
+  if (RenewsPushes() && next_renewal_) next = std::min(next, *next_renewal_);
+  if (const auto ask = intake_.next_ask()) next = std::min(next, *ask);
+  return next;
 }
 
 LayerSnapshot LayerFollower::Snapshot() { return previous_ ? *previous_ : OwnSnapshot(); }

@@ -2,6 +2,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -10,12 +11,17 @@
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_ref_t.hpp"
+#include "lcmtypes/splinemap/layer_scans_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lcmtypes/splinemap/node_listing_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
 #include "lcmtypes/splinemap/tile_update_t.hpp"
+#include "lib/mapping/scan_folder.h"
 #include "lib/replication/hash_tree.h"
 #include "lib/replication/protocol.h"
 #include "lib/replication/random_backoff.h"
+#include "lib/replication/recent_scans.h"
+#include "lib/replication/scan_intake.h"
 #include "lib/tiles/tile_codec.h"
 #include "splinemap/follow_options.h"
 #include "splinemap/layer.h"
@@ -28,6 +34,10 @@ namespace splinemap {
 // owner has published, or of a part of it, made of whatever messages arrive, in any order and as
 // often as they like. Digests tell whether it is the whole; where not, it pulls what differs. Of a
 // part, and only then, every new digest makes it ask for hashes down to the part.
+//
+// A copy that was equal to the owner's goes on by folding the scans that the owner sends, each once
+// all before it are there; those that got lost are pulled by number. It takes no tiles then, until
+// a digest shows that it is another copy, or scans cannot be had any more.
 //
 // Anybody can write messages in the owner's name, so what a single one says is not believed for
 // long: a new session of the owner replaces the one before after two seconds of digests; a tile
@@ -44,11 +54,14 @@ class LayerFollower {
     std::optional<TileBox> box;  // of that level; none: all tiles
   };
 
-  // `seed` spreads the times at which followers ask.
+  // `seed` spreads the times at which followers ask. Of all tiles as they were mapped, or a part of
+  // them, scans are taken where there is a `folder`; several followers may share it.
   LayerFollower(LayerId id, uint64_t seed) : LayerFollower(std::move(id), seed, Subset()) {}
-  LayerFollower(LayerId id, uint64_t seed, Subset part);
+  LayerFollower(LayerId id, uint64_t seed, Subset part,
+                std::shared_ptr<ScanFolder> folder = nullptr);
   // Begins with a copy that was kept, of all tiles, and `now` as if the owner had just been heard.
-  LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::time_point now);
+  LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::time_point now,
+                std::shared_ptr<ScanFolder> folder = nullptr);
 
   // Beyond, tiles are not taken, and the copy is never in sync.
   void SetMaxTiles(size_t max_tiles) { max_tiles_ = max_tiles; }
@@ -59,11 +72,17 @@ class LayerFollower {
   void HandleDigest(const layer_digest_t& digest, Clock::time_point now);
   void HandleUpdates(const layer_updates_t& updates);
   void HandleListing(const layer_listing_t& listing, Clock::time_point now);
+  void HandleScans(const layer_scans_t& scans, Clock::time_point now);
   // Another follower asks: the answer will come here, too.
   void HandlePull(const layer_pull_t& pull, Clock::time_point now);
+  void HandleScanPull(const scan_pull_t& pull, Clock::time_point now);
 
   // What is to be asked now. Call it some times a second.
-  std::vector<layer_pull_t> Tick(Clock::time_point now);
+  struct Pulls {
+    std::vector<layer_pull_t> nodes;
+    std::optional<scan_pull_t> scans;
+  };
+  Pulls Tick(Clock::time_point now);
   // When that will have something to do, if nothing comes before.
   Clock::time_point NextTick(Clock::time_point now) const;
 
@@ -106,6 +125,8 @@ class LayerFollower {
   bool OwnerIsSilent(Clock::time_point now) const { return now - last_heard_ > kOwnerTimeout; }
 
   const FollowCounts& counts() const { return counts_; }
+  // Those that were folded last, in this session.
+  RecentScans& recent_scans() { return recent_scans_; }
 
  private:
   struct PendingPull {
@@ -147,9 +168,23 @@ class LayerFollower {
   bool Matches() const;
   void UpdateSync(Clock::time_point now);
   LayerSnapshot OwnSnapshot();
+  void Compare(bool is_owners, Clock::time_point now);
+  void NoteChange(TileKey key);
+  bool TakesScans() const { return folder_ != nullptr && !no_scans_until_; }
+  bool IsFolding() const { return folded_.has_value() && sends_scans_ && TakesScans(); }
+  void StopFolding();
+  void CountMisfold(Clock::time_point now);
+  void FoldWhatIsThere(Clock::time_point now);
+  bool Fold(const SentScan& scan);
+  bool IsBeside(const PlacedScan& scan) const;
+  bool RenewsPushes() const {
+    return subset_.level_of_detail.level > 0 || (sends_scans_ && !TakesScans());
+  }
+  void AskForTiles(Clock::time_point now, std::vector<layer_pull_t>& pulls);
 
   const LayerId id_;
   const Subset subset_;
+  std::shared_ptr<ScanFolder> folder_;
   RandomBackoff random_;
   size_t max_tiles_ = size_t{1} << 20;  // 2 GiB
 
@@ -173,6 +208,19 @@ class LayerFollower {
   // What the session before left: shown until this one is whole, and a source of equal tiles.
   std::optional<LayerSnapshot> previous_;
   HashTree previous_index_;
+
+  // Every tile is as the owner had it in commit `folded_`, or in that of its revision where that is
+  // later; nothing where that is not known.
+  std::optional<uint64_t> folded_;
+  bool sends_scans_ = false;  // the owner, in this session
+  ScanIntake intake_;
+  RecentScans recent_scans_;
+  bool digest_is_ahead_ = false;  // digest_, of the scans that were folded
+  int overtaken_digests_ = 0;     // by these scans, in a row
+  int misfolds_ = 0;              // in a row
+  std::optional<Clock::time_point> no_scans_until_;
+  PlacedScan placed_;                // of Fold(); kept for its memory
+  std::vector<TileKey> fold_edits_;  // the same
 
   absl::flat_hash_map<NodeKey, PendingPull> pending_;
   // The digest whose hashes are being compared, until nothing of it is wanted any more.

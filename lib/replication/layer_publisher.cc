@@ -21,6 +21,8 @@ constexpr std::chrono::milliseconds kLeastDigestInterval(100);
 constexpr int kDigestsOfKnownState = 6;
 // Followers ask again sooner.
 constexpr std::chrono::milliseconds kPullPause(700);
+// Where scans are sent, tiles are pushed for so long after a follower asked for that.
+constexpr std::chrono::seconds kTileLease(30);
 
 tile_update_t ToMessage(const TileUpdate& update) {
   tile_update_t message;
@@ -90,18 +92,26 @@ LayerPublisher::LayerPublisher(LayerRef ref, const LayerSnapshot& layer,
 
 void LayerPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point now) {
   const uint64_t after_revision = layer_.revision;
+  const bool is_published = !Pushes() || SendsScans();
+  const bool is_pushed = PushesTiles(now);
   layer.tiles.ForEachChanged(layer_.tiles.version(),
                              [&](TileKey key, const TileTree::Entry& entry) {
-                               if (!Pushes()) {
+                               if (is_published) {
                                  published_.Put(key, entry.tile, entry.revision);
                                  index_.Set(key, TileChecksum(key, *entry.tile));
-                               } else if (waiting_.try_emplace(key, after_revision).second) {
-                                 changes_.push_back({key, after_revision, now});
                                }
+                               if (is_pushed && waiting_.try_emplace(key, after_revision).second)
+                                 changes_.push_back({key, after_revision, now});
                              });
   layer_ = layer;
-  // Levels that were given up and made again count on.
-  if (!Pushes()) state_ = layer.revision;
+  if (!is_published) return;
+  if (layer.revision != after_revision) digests_of_state_ = 0;
+  state_ = layer.revision;  // levels that were given up and made again count on
+}
+
+bool LayerPublisher::PushesTiles(Clock::time_point now) const {
+  if (!SendsScans()) return Pushes();
+  return tiles_wanted_ && now - *tiles_wanted_ <= kTileLease;
 }
 
 void LayerPublisher::HandlePull(const layer_pull_t& pull, Clock::time_point now) {
@@ -110,6 +120,7 @@ void LayerPublisher::HandlePull(const layer_pull_t& pull, Clock::time_point now)
     return;
   }
   last_pull_ = now;
+  if (pull.num_nodes == 0) tiles_wanted_ = now;
   for (int n = 0; n < pull.num_nodes; ++n) {
     if (pulled_tiles_.size() + pulled_nodes_.size() >= kMaxPulled) return;
     const NodeKey node{pull.levels[n], pull.xs[n], pull.ys[n]};
@@ -125,8 +136,12 @@ void LayerPublisher::HandlePull(const layer_pull_t& pull, Clock::time_point now)
 void LayerPublisher::Tick(Clock::time_point now, ByteBudget& budget,
                           std::vector<ReplicationMessage>& messages) {
   Answer(budget, messages);
-  // Before the pushes, since followers know a session by its digest first.
-  if (!last_digest_ || now >= *last_digest_ + options_.digest_interval) Digest(messages, now);
+  // Before the pushes, since followers know a session by its digest first. But what counts as
+  // published when a digest says so has to be pushed before it.
+  if (!last_digest_ || now >= *last_digest_ + options_.digest_interval) {
+    if (last_digest_ && SendsScans()) Push(budget, messages);
+    Digest(messages, now);
+  }
   // The first change after a pause goes at once.
   if (HasChanges() && (!last_push_ || now >= *last_push_ + options_.push_interval)) {
     last_push_ = now;
@@ -216,7 +231,7 @@ void LayerPublisher::Push(ByteBudget& budget, std::vector<ReplicationMessage>& m
     const Change change = changes_.front();
     const TileKey key = change.key;
     changes_.pop_front();
-    if (!IsWaiting(change) || SkipUnchanged(key)) continue;
+    if (!IsWaiting(change) || (!SendsScans() && SkipUnchanged(key))) continue;
     budget.SpendOnPushes(batch.Add(Publish(key, !answered_.contains(key))));
   }
 }
@@ -254,6 +269,7 @@ TileUpdate LayerPublisher::Publish(TileKey key, bool as_difference) {
 
 layer_digest_t LayerPublisher::MakeDigest(Clock::time_point now) {
   while (!changes_.empty() && !IsWaiting(changes_.front())) changes_.pop_front();
+  const bool is_published = SendsScans() || changes_.empty();
   layer_digest_t digest;
   digest.speaker = speaker_;
   digest.layer = splinemap::ToMessage(ref_);
@@ -264,11 +280,11 @@ layer_digest_t LayerPublisher::MakeDigest(Clock::time_point now) {
   digest.max_control_point = map_options_.limits.max;
   digest.state = static_cast<int64_t>(state_);
   digest.revision =
-      static_cast<int64_t>(changes_.empty() ? layer_.revision : changes_.front().after_revision);
+      static_cast<int64_t>(is_published ? layer_.revision : changes_.front().after_revision);
   digest.num_tiles = static_cast<int64_t>(index_.num_tiles());
   digest.hash = static_cast<int64_t>(index_.hash());
   digest.root_level = index_.root_level();
-  const auto behind_since = changes_.empty() ? behind_since_ : changes_.front().since;
+  const auto behind_since = is_published ? behind_since_ : changes_.front().since;
   digest.lag_s = behind_since ? std::chrono::duration<double>(now - *behind_since).count() : 0;
   return digest;
 }

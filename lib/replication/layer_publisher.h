@@ -26,13 +26,17 @@ struct PublisherOptions {
   std::chrono::milliseconds push_interval{100};
   std::chrono::milliseconds digest_interval{1000};
   bool pushes = true;  // else what changed is only answered for
+  // Of a layer whose owner keeps its scans, these are pushed, and tiles only while a follower asks
+  // for them.
+  bool sends_scans = true;
   // Who speaks; nothing: the owner, whose number is the nonce of the layer's session.
   std::optional<uint64_t> proxy;
 };
 
-// Publishes one layer at one level of detail: says with a digest what it has published, and answers
-// pulls. As it was mapped, it pushes changes, oldest first; coarser levels are published in
-// silence. Thread-compatible.
+// Publishes the tiles of one layer at one level of detail: says with a digest what it has
+// published, and answers pulls. As it was mapped, it pushes changes, oldest first; coarser levels
+// are published in silence. Where scans are sent, whatever they changed counts as published, and is
+// pushed only while a follower asks for tiles. Thread-compatible.
 class LayerPublisher {
  public:
   // What `layer` has already counts as published: followers that lack it will pull it.
@@ -42,13 +46,17 @@ class LayerPublisher {
   // The layer's newest state; what changed since the last one waits to be pushed.
   void SetLayer(const LayerSnapshot& layer, Clock::time_point now);
 
-  // Of a coarser level: since when there are changes that are not in it yet.
+  // Since when there are changes that are not in a coarser level yet, or scans that were not sent.
   void SetBehind(std::optional<Clock::time_point> since) { behind_since_ = since; }
 
   // Requires a pull of this session and this level, or one that asks for digests.
   void HandlePull(const layer_pull_t& pull, Clock::time_point now);
 
+  // A follower asked for scans.
+  void HearScanPull(Clock::time_point now) { last_pull_ = now; }
+
   bool HasChanges() const { return !waiting_.empty(); }
+  bool HasDigested() const { return last_digest_.has_value(); }
   // Whether the present state was digested so often that followers on a lossy bus know it, and none
   // of them is asking for what it lacks.
   bool IsKnown(Clock::time_point now) const;
@@ -71,6 +79,8 @@ class LayerPublisher {
   };
 
   bool Pushes() const { return ref_.level_of_detail == LevelOfDetail{} && options_.pushes; }
+  bool SendsScans() const { return Pushes() && options_.sends_scans; }
+  bool PushesTiles(Clock::time_point now) const;
   void Answer(ByteBudget& budget, std::vector<ReplicationMessage>& messages);
   void Push(ByteBudget& budget, std::vector<ReplicationMessage>& messages);
   // Done with a change that left the tile as it is published.
@@ -100,6 +110,7 @@ class LayerPublisher {
   absl::flat_hash_map<TileKey, uint64_t> waiting_;  // their after_revision
   FifoSet<TileKey> pulled_tiles_;
   FifoSet<NodeKey> pulled_nodes_;
+  std::optional<Clock::time_point> tiles_wanted_;  // when a follower asked for pushes last
   std::optional<Clock::time_point> last_push_;
   std::optional<Clock::time_point> last_digest_;
   int digests_of_state_ = 0;

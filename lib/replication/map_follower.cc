@@ -12,8 +12,10 @@
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_ref_t.hpp"
+#include "lcmtypes/splinemap/layer_scans_t.hpp"
 #include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lib/map/placed_tile.h"
 
@@ -68,14 +70,22 @@ MapFollower::MapFollower(FollowOptions options, KeeperOptions keeper, const Laye
       keeper_(std::move(keeper)),
       speaker_(speaker),
       seed_(speaker),
-      map_options_(keeper_->map_options),
       gossip_(kept.settings, speaker),
       sum_(options_.level_of_detail) {
+  UseOptions(keeper_->map_options);
   for (const LayerSnapshot& layer : kept.layers) {
     if (layer.id == keeper_->own_layer || settings().Of(layer.id).IsRemoved(layer.session))
       continue;
-    Add(layer.id, LayerFollower(layer, ++seed_, now));
+    Add(layer.id, LayerFollower(layer, ++seed_, now, folder_));
   }
+}
+
+void MapFollower::UseOptions(const MapOptions& options) {
+  map_options_ = options;
+  if (options_.takes_tiles) return;
+  const double knot_interval_m =
+      std::ldexp(options.knot_interval_m, -options_.level_of_detail.level);
+  folder_ = std::make_shared<ScanFolder>(MapOptions{knot_interval_m, options.limits});
 }
 
 void MapFollower::HandleBytes(absl::Span<const uint8_t> message, Clock::time_point now) {
@@ -124,6 +134,17 @@ void MapFollower::Handle(const layer_pull_t& pull, Clock::time_point now) {
   if (followed->proxy) followed->proxy->HandlePull(pull, now);
 }
 
+void MapFollower::Handle(const layer_scans_t& scans, Clock::time_point now) {
+  if (LayerFollower* copy = CopyOf(scans.layer)) copy->HandleScans(scans, now);
+}
+
+void MapFollower::Handle(const scan_pull_t& pull, Clock::time_point now) {
+  Followed* followed = Find(pull.layer);
+  if (followed == nullptr) return;
+  followed->copy.HandleScanPull(pull, now);
+  if (followed->proxy) followed->proxy->HandleScanPull(pull, now);
+}
+
 void MapFollower::Handle(const settings_t& message, Clock::time_point now) {
   if (!options_.takes_settings) {
     ignored_settings_ += gossip_.CountNews(message);
@@ -142,9 +163,9 @@ void MapFollower::Handle(const layers_t& layers, Clock::time_point now) {
     const LayerId id{layer.settings.name, static_cast<uint64_t>(layer.settings.origin)};
     if (layer.num_tiles == 0 || !IsFollowed(id)) continue;
     if (!announced_.contains(id) && announced_.size() >= kMaxLayers) continue;
-    announced_[id] = {{static_cast<uint64_t>(layer.session_number),
-                       static_cast<uint64_t>(layer.session_nonce)},
-                      now};
+    announced_[id] = {
+        {static_cast<uint64_t>(layer.session_number), static_cast<uint64_t>(layer.session_nonce)},
+        now};
   }
 }
 
@@ -162,22 +183,31 @@ MapFollower::Followed* MapFollower::Find(const layer_ref_t& layer) {
   return found == layers_.end() ? nullptr : &found->second;
 }
 
+std::optional<TileBox> MapFollower::BoxFor(const LayerId& id) const {
+  if (!options_.region) return std::nullopt;
+  const double knot_interval_m = map_options_->knot_interval_m;
+  return TilesUnder(
+      *options_.region,
+      KnotPlacement(settings().Of(id).placement, knot_interval_m, options_.level_of_detail),
+      knot_interval_m);
+}
+
 LayerFollower::Subset MapFollower::SubsetFor(const LayerId& id) const {
-  LayerFollower::Subset subset;
-  subset.level_of_detail = options_.level_of_detail;
-  if (options_.region) {
-    const double knot_interval_m = map_options_->knot_interval_m;
-    subset.box = TilesUnder(
-        *options_.region,
-        KnotPlacement(settings().Of(id).placement, knot_interval_m, options_.level_of_detail),
-        knot_interval_m);
-  }
+  LayerFollower::Subset subset{options_.level_of_detail, BoxFor(id)};
+  if (!MakesLevels()) return subset;
+  if (subset.box) subset.box = CoarserCopy::FinerBox(*subset.box, subset.level_of_detail.level);
+  subset.level_of_detail = {};
   return subset;
+}
+
+LayerFollower MapFollower::NewCopy(const LayerId& id) {
+  return LayerFollower(id, ++seed_, SubsetFor(id), folder_);
 }
 
 void MapFollower::Add(const LayerId& id, LayerFollower copy) {
   ++version_;
   Followed& followed = layers_.try_emplace(id, Followed{std::move(copy), nullptr}).first->second;
+  if (MakesLevels()) followed.coarser.emplace(options_.level_of_detail, BoxFor(id));
   if (options_.region || options_.level_of_detail != LevelOfDetail{}) return;
   PublisherOptions publisher;
   if (keeper_) publisher.digest_interval = keeper_->digest_interval;
@@ -235,7 +265,7 @@ LayerFollower* MapFollower::FindOrAdd(const layer_digest_t& digest, Clock::time_
     Refuse(ref.id, fmt::format("{} layers are followed already", kMaxLayers));
     return nullptr;
   }
-  Add(ref.id, LayerFollower(ref.id, ++seed_, SubsetFor(ref.id)));
+  Add(ref.id, NewCopy(ref.id));
   refused_.erase(ref.id);
   return &Find(digest.layer)->copy;
 }
@@ -251,7 +281,9 @@ void MapFollower::ChooseOptions(const LayerId& id, const MapOptions& options,
                          [&](const auto& told) { return told.second.options == other; });
   };
   if (map_options_ && votes_for(options) <= votes_for(*map_options_)) return;
-  if (!std::exchange(map_options_, options)) return;
+  const bool had_options = map_options_.has_value();
+  UseOptions(options);
+  if (!had_options) return;
   while (!layers_.empty()) Erase(layers_.begin());
   refused_.clear();
   sum_ = SummedLayers(options_.level_of_detail);
@@ -323,7 +355,7 @@ void MapFollower::ApplySettings(const SettingsTable& before) {
     if (is_moved && !is_removed) moved.push_back(id);
     entry = is_removed || is_moved ? Erase(entry) : std::next(entry);
   }
-  for (const LayerId& id : moved) Add(id, LayerFollower(id, ++seed_, SubsetFor(id)));
+  for (const LayerId& id : moved) Add(id, NewCopy(id));
 }
 
 void MapFollower::SetOwnLayer(LayerId id, uint64_t session_number) {
@@ -358,9 +390,14 @@ std::vector<ReplicationMessage> MapFollower::Tick(Clock::time_point now, ByteBud
     entry = is_gone ? Erase(entry) : std::next(entry);
   }
   for (auto& [id, followed] : layers_) {
-    for (layer_pull_t& pull : followed.copy.Tick(now)) {
+    LayerFollower::Pulls pulls = followed.copy.Tick(now);
+    for (layer_pull_t& pull : pulls.nodes) {
       pull.speaker = static_cast<int64_t>(speaker_);
       messages.emplace_back(std::move(pull));
+    }
+    if (pulls.scans) {
+      pulls.scans->speaker = static_cast<int64_t>(speaker_);
+      messages.emplace_back(*std::move(pulls.scans));
     }
     if (!followed.proxy) continue;
     // What a layer of the same name has replaced can be forgotten.
@@ -395,7 +432,8 @@ LayerSet MapFollower::Layers() {
   if (map_options_) set.options = *map_options_;
   for (auto& [id, followed] : layers_) {
     LayerSnapshot layer = followed.copy.Snapshot();
-    if (layer.session != SessionId{}) set.layers.push_back(std::move(layer));
+    if (layer.session == SessionId{}) continue;
+    set.layers.push_back(followed.coarser ? followed.coarser->Update(layer) : std::move(layer));
   }
   set.settings = settings();
   return set;
@@ -405,7 +443,11 @@ LayerSet MapFollower::SyncedLayers() const {
   LayerSet set;
   if (map_options_) set.options = *map_options_;
   for (const auto& [id, followed] : layers_) {
-    if (followed.copy.synced()) set.layers.push_back(*followed.copy.synced());
+    if (!followed.copy.synced()) continue;
+    set.layers.push_back(
+        MakesLevels()
+            ? CoarserCopy(options_.level_of_detail, BoxFor(id)).Update(*followed.copy.synced())
+            : *followed.copy.synced());
   }
   set.settings = settings();
   return set;

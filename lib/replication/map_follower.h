@@ -12,10 +12,14 @@
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_ref_t.hpp"
+#include "lcmtypes/splinemap/layer_scans_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lcmtypes/splinemap/layers_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lib/map/summed_layers.h"
+#include "lib/mapping/scan_folder.h"
+#include "lib/replication/coarser_copy.h"
 #include "lib/replication/layer_follower.h"
 #include "lib/replication/proxy_publisher.h"
 #include "lib/replication/replication_message.h"
@@ -105,6 +109,7 @@ class MapFollower {
   struct Followed {
     LayerFollower copy;
     std::unique_ptr<ProxyPublisher> proxy;  // of all of a layer as it was mapped
+    std::optional<CoarserCopy> coarser{};   // where a coarser level is made of the copy
   };
 
   bool IsFollowed(const LayerId& id) const;
@@ -117,11 +122,21 @@ class MapFollower {
   void Handle(const layer_updates_t& updates, Clock::time_point now);
   void Handle(const layer_listing_t& listing, Clock::time_point now);
   void Handle(const layer_pull_t& pull, Clock::time_point now);
+  void Handle(const layer_scans_t& scans, Clock::time_point now);
+  void Handle(const scan_pull_t& pull, Clock::time_point now);
   void Handle(const settings_t& settings, Clock::time_point now);
   void Handle(const layers_t& layers, Clock::time_point now);
   LayerFollower* CopyOf(const layer_ref_t& layer);
   Followed* Find(const layer_ref_t& layer);
+  // Whether levels of detail are made here, of layers that are followed as they were mapped.
+  bool MakesLevels() const {
+    return options_.level_of_detail != LevelOfDetail{} && !options_.takes_tiles;
+  }
+  // Of the level of detail.
+  std::optional<TileBox> BoxFor(const LayerId& id) const;
   LayerFollower::Subset SubsetFor(const LayerId& id) const;
+  LayerFollower NewCopy(const LayerId& id);
+  void UseOptions(const MapOptions& options);
   void Add(const LayerId& id, LayerFollower copy);
   void ApplySettings(const SettingsTable& before);
   bool HasDuplicateName(const LayerId& id) const;
@@ -136,11 +151,12 @@ class MapFollower {
   const uint64_t speaker_;
   uint64_t seed_;
   std::optional<MapOptions> map_options_;
+  std::shared_ptr<ScanFolder> folder_;  // of all layers; null where tiles are taken
   struct Told {
     MapOptions options;
     Clock::time_point when;
   };
-  std::map<LayerId, Told> told_;        // the options of layers, by digests of late
+  std::map<LayerId, Told> told_;  // the options of layers, by digests of late
   // What daemons have said of late that they have.
   struct Announced {
     SessionId session;

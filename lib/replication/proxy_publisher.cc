@@ -55,6 +55,10 @@ void ProxyPublisher::HandlePull(const layer_pull_t& pull, Clock::time_point now)
   if (publisher_) publisher_->HandlePull(pull, now);
 }
 
+void ProxyPublisher::HandleScanPull(const scan_pull_t& pull, Clock::time_point now) {
+  if (publisher_) publisher_->HandleScanPull(pull, now);
+}
+
 std::vector<ReplicationMessage> ProxyPublisher::Tick(Clock::time_point now, ByteBudget& budget,
                                                      bool may_begin) {
   std::vector<ReplicationMessage> messages;
@@ -78,7 +82,7 @@ std::vector<ReplicationMessage> ProxyPublisher::Tick(Clock::time_point now, Byte
   if (!publisher_ || session_ != layer.session || lineage_ != layer.tiles.lineage()) {
     session_ = layer.session;
     lineage_ = layer.tiles.lineage();
-    publisher_.emplace(layer, map_options_, options_);
+    publisher_.emplace(layer, map_options_, options_, &copy_.recent_scans());
   }
   publisher_->SetLayer(layer, now);
   return publisher_->Tick(now, budget);

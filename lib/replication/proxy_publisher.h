@@ -6,6 +6,7 @@
 
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
 #include "lib/replication/layer_follower.h"
 #include "lib/replication/pyramid_publisher.h"
 #include "lib/replication/random_backoff.h"
@@ -26,6 +27,7 @@ class ProxyPublisher {
   // What `copy` has taken already.
   void HandleDigest(const layer_digest_t& digest, Clock::time_point now);
   void HandlePull(const layer_pull_t& pull, Clock::time_point now);
+  void HandleScanPull(const scan_pull_t& pull, Clock::time_point now);
 
   // What is to be sent now. Call it some times a second. Where it may not begin, it speaks only to
   // others who do and lack something.

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "splinemap/scan_archive.h"
 
 namespace splinemap {
 namespace {
@@ -14,19 +15,45 @@ constexpr std::chrono::seconds kLevelLease(30);
 // Tiles of coarser levels that are made in one tick, some milliseconds of work.
 constexpr size_t kTilesPerTick = 200;
 
+// Scans that came at once, beyond which the oldest are not packed.
+constexpr uint64_t kMaxNewScans = 4096;
+
+PublisherOptions With(PublisherOptions options, bool sends_scans) {
+  options.sends_scans = sends_scans;
+  return options;
+}
+
 }  // namespace
 
 PyramidPublisher::PyramidPublisher(const LayerSnapshot& layer, const MapOptions& map_options,
-                                   const PublisherOptions& options)
+                                   const PublisherOptions& options, RecentScans* scans)
     : ref_{layer.id, layer.session, {}},
       map_options_(map_options),
-      options_(options),
+      options_(With(options, options.sends_scans && options.pushes && layer.archive != nullptr)),
       layer_(layer),
-      as_mapped_(ref_, layer, map_options, options) {}
+      scans_(ref_, static_cast<int64_t>(options.proxy.value_or(ref_.session.nonce)), layer.revision,
+             scans == nullptr ? own_scans_ : *scans, options_.sends_scans),
+      as_mapped_(ref_, layer, map_options, options_) {}
 
 void PyramidPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point now) {
+  if (options_.sends_scans) FindNewScans(layer);
+  scans_.SetRevision(layer.revision, now);
   layer_ = layer;
   as_mapped_.SetLayer(layer, now);
+  if (options_.sends_scans) as_mapped_.SetBehind(scans_.waiting_since());
+}
+
+// In one session each commit is a scan, and the newest commits are the newest scans of the archive.
+void PyramidPublisher::FindNewScans(const LayerSnapshot& layer) {
+  const ScanArchive& archive = *layer.archive;
+  const uint64_t count = std::min(
+      {layer.revision - layer_.revision, static_cast<uint64_t>(archive.num_scans()), kMaxNewScans});
+  uint64_t revision = layer.revision - count;
+  archive.ForEachPackedAfter(
+      archive.scans_added() - static_cast<int64_t>(count), [&](const PackedScan& scan) {
+        own_scans_.Add({++revision, scan.pose.utime,
+                        Placed(archive.map_T_world, scan.pose.world_T_robot), *scan.beams});
+      });
 }
 
 void PyramidPublisher::HandlePull(const layer_pull_t& pull, Clock::time_point now) {
@@ -48,6 +75,16 @@ void PyramidPublisher::HandlePull(const layer_pull_t& pull, Clock::time_point no
   if (asked.publisher) asked.publisher->HandlePull(pull, now);
 }
 
+void PyramidPublisher::HandleScanPull(const scan_pull_t& pull, Clock::time_point now) {
+  const LayerRef ref = FromMessage(pull.layer);
+  if (ref != ref_) {
+    ++foreign_pulls_;
+    return;
+  }
+  as_mapped_.HearScanPull(now);
+  scans_.HandlePull(pull);
+}
+
 std::vector<ReplicationMessage> PyramidPublisher::Tick(Clock::time_point now, ByteBudget& budget) {
   std::vector<ReplicationMessage> messages;
   std::erase_if(asked_, [&](const auto& asked) { return now - asked.second.last > kLevelLease; });
@@ -56,6 +93,9 @@ std::vector<ReplicationMessage> PyramidPublisher::Tick(Clock::time_point now, By
   for (auto& [level_of_detail, asked] : asked_) {
     if (asked.publisher) asked.publisher->Tick(now, budget, messages);
   }
+  // A session is known by its digest; and what a digest covers goes before it.
+  if (!as_mapped_.HasDigested()) as_mapped_.Tick(now, budget, messages);
+  scans_.Tick(now, budget, messages);
   as_mapped_.Tick(now, budget, messages);
   return messages;
 }
@@ -63,6 +103,7 @@ std::vector<ReplicationMessage> PyramidPublisher::Tick(Clock::time_point now, By
 std::vector<ReplicationMessage> PyramidPublisher::LastTick(Clock::time_point now,
                                                            ByteBudget& budget) {
   std::vector<ReplicationMessage> messages;
+  scans_.Tick(now, budget, messages);
   as_mapped_.LastTick(now, budget, messages);
   return messages;
 }
@@ -87,16 +128,17 @@ void PyramidPublisher::WorkOnLevels(Clock::time_point now) {
   }
 }
 
-bool PyramidPublisher::HasPulls() const {
-  return as_mapped_.HasPulls() || std::any_of(asked_.begin(), asked_.end(), [](const auto& asked) {
+bool PyramidPublisher::HasTilePulls() const {
+  return as_mapped_.HasPulls() ||
+         std::any_of(asked_.begin(), asked_.end(), [](const auto& asked) {
            return asked.second.publisher && asked.second.publisher->HasPulls();
          });
 }
 
 Clock::time_point PyramidPublisher::NextTick(Clock::time_point now) const {
   const bool is_making_levels = !asked_.empty() && levels_.IsAtWork(layer_);
-  if (is_making_levels || HasPulls()) return now;
-  Clock::time_point next = as_mapped_.NextTick();
+  if (is_making_levels || HasTilePulls()) return now;
+  Clock::time_point next = std::min(as_mapped_.NextTick(), scans_.NextTick());
   for (const auto& [level_of_detail, asked] : asked_) {
     next = std::min(next, asked.publisher ? asked.publisher->NextTick() : now);
   }

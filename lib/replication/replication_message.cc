@@ -3,6 +3,7 @@
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_scans_t.hpp"
 #include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lib/base/status.h"
@@ -16,6 +17,8 @@ const char* EndOfChannel(const layer_digest_t&) { return kDigestChannel; }
 const char* EndOfChannel(const layer_updates_t&) { return "_UPDATES"; }
 const char* EndOfChannel(const layer_listing_t&) { return "_LISTINGS"; }
 const char* EndOfChannel(const layer_pull_t&) { return "_PULLS"; }
+const char* EndOfChannel(const layer_scans_t&) { return "_SCANS"; }
+const char* EndOfChannel(const scan_pull_t&) { return "_SCAN_PULLS"; }
 const char* EndOfChannel(const settings_t&) { return "_SETTINGS"; }
 const char* EndOfChannel(const layers_t&) { return "_LAYERS"; }
 
@@ -42,6 +45,7 @@ std::vector<std::string> ReplicationChannels(const std::string& channel_prefix) 
   for (const ReplicationMessage& message :
        {ReplicationMessage(layer_digest_t()), ReplicationMessage(layer_updates_t()),
         ReplicationMessage(layer_listing_t()), ReplicationMessage(layer_pull_t()),
+        ReplicationMessage(layer_scans_t()), ReplicationMessage(scan_pull_t()),
         ReplicationMessage(settings_t()), ReplicationMessage(layers_t())}) {
     channels.push_back(ChannelOf(message, channel_prefix));
   }
@@ -58,6 +62,10 @@ absl::StatusOr<ReplicationMessage> DecodeReplication(absl::Span<const uint8_t> m
       return Widen(Decode<layer_listing_t>(message));
     case MessageType::kLayerPull:
       return Widen(Decode<layer_pull_t>(message));
+    case MessageType::kLayerScans:
+      return Widen(Decode<layer_scans_t>(message));
+    case MessageType::kScanPull:
+      return Widen(Decode<scan_pull_t>(message));
     case MessageType::kSettings:
       return Widen(Decode<settings_t>(message));
     case MessageType::kLayers:

@@ -11,16 +11,19 @@
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_scans_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lcmtypes/splinemap/layers_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 
 namespace splinemap {
 
-// What owners, proxies and followers of layers send each other, and daemons say of them. Each type has a channel of its own.
+// What owners, proxies and followers of layers send each other, and daemons say of them. Each type
+// has a channel of its own.
 using ReplicationMessage =
-    std::variant<layer_digest_t, layer_updates_t,
-                                       layer_listing_t, layer_pull_t, settings_t, layers_t>;
+    std::variant<layer_digest_t, layer_updates_t, layer_listing_t, layer_pull_t, layer_scans_t,
+                 scan_pull_t, settings_t, layers_t>;
 
 // What the channel of digests ends in, after the prefix.
 inline constexpr const char* kDigestChannel = "_DIGESTS";

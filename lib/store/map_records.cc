@@ -27,7 +27,7 @@ namespace splinemap {
 namespace {
 
 constexpr int kApplicationId = 0x53504c4d;  // "SPLM"
-constexpr int kSchemaVersion = 4;
+constexpr int kSchemaVersion = 5;        // 4 has other blocks of scans, which are read
 constexpr int kArchiveVersion = 4;       // from which on there are archives
 constexpr int kOldestSchemaVersion = 2;  // whose rows and records say less
 
@@ -565,9 +565,10 @@ void MakeSchema(SQLite::Database& database) {
 }
 
 void UpgradeSchema(SQLite::Database& database) {
-  if (VersionOf(database) >= kArchiveVersion) return;
+  const int version = VersionOf(database);
+  if (version == kSchemaVersion) return;
   SQLite::Transaction transaction(database, SQLite::TransactionBehavior::IMMEDIATE);
-  database.exec(kArchiveTables);
+  if (version < kArchiveVersion) database.exec(kArchiveTables);
   database.exec(fmt::format("PRAGMA user_version = {}", kSchemaVersion));
   transaction.commit();
 }

@@ -12,6 +12,7 @@
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_scans_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lcmtypes/splinemap/layers_t.hpp"
 #include "lcmtypes/splinemap/likelihoods_reply_t.hpp"
@@ -22,6 +23,7 @@
 #include "lcmtypes/splinemap/raster_request_t.hpp"
 #include "lcmtypes/splinemap/rays_reply_t.hpp"
 #include "lcmtypes/splinemap/rays_request_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lcmtypes/splinemap/sweeps_reply_t.hpp"
@@ -29,6 +31,7 @@
 #include "lcmtypes/splinemap/trajectory_t.hpp"
 #include "lib/base/status.h"
 #include "lib/layers/validity.h"
+#include "splinemap/fixed_pose2.h"
 #include "splinemap/level_of_detail.h"
 
 namespace splinemap {
@@ -36,6 +39,8 @@ namespace {
 
 constexpr size_t kRequestHeaderBytes = 4 * 8;
 constexpr int kMaxPulledNodes = 1000;  // of what followers ask for at once, several times
+constexpr int kMaxScanParts = 2048;    // of a few bytes less than a datagram
+constexpr int64_t kMaxScanTime_us = int64_t{1} << 60;  // so that differences of times are some
 
 // What a message has beside others; nothing for most.
 template <typename Message>
@@ -96,6 +101,34 @@ absl::Status CheckContent(const layer_pull_t& pull) {
   return InvalidArgument("{} nodes; at most {} are allowed", pull.num_nodes, kMaxPulledNodes);
 }
 
+absl::Status CheckContent(const layer_scans_t& scans) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckRevision(static_cast<uint64_t>(scans.oldest)));
+  for (const scan_record_t& scan : scans.scans) {
+    SPLINEMAP_RETURN_IF_ERROR(CheckRevision(static_cast<uint64_t>(scan.revision)));
+    if (scan.utime < -kMaxScanTime_us || scan.utime > kMaxScanTime_us) {
+      return InvalidArgument("a scan of {} us", scan.utime);
+    }
+    if (!FixedPose2{scan.robot_x, scan.robot_y, scan.robot_yaw}.IsValid()) {
+      return InvalidArgument("a pose of ({}, {}), which cannot be", scan.robot_x, scan.robot_y);
+    }
+    if (scan.part < 0 || scan.part >= scan.num_parts || scan.num_parts > kMaxScanParts) {
+      return InvalidArgument("part {} of {} of a scan", scan.part, scan.num_parts);
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CheckContent(const scan_pull_t& pull) {
+  if (pull.num_ranges > kMaxPulledNodes) {
+    return InvalidArgument("{} ranges; at most {} are allowed", pull.num_ranges, kMaxPulledNodes);
+  }
+  for (int k = 0; k < pull.num_ranges; ++k) {
+    SPLINEMAP_RETURN_IF_ERROR(CheckRevision(static_cast<uint64_t>(pull.first[k])));
+    SPLINEMAP_RETURN_IF_ERROR(CheckRevision(static_cast<uint64_t>(pull.last[k])));
+  }
+  return absl::OkStatus();
+}
+
 absl::Status CheckContent(const settings_t& settings) {
   for (const layer_settings_t& layer : settings.layers) {
     SPLINEMAP_RETURN_IF_ERROR(CheckLayerId({layer.name, 0}));
@@ -153,6 +186,7 @@ template absl::StatusOr<layer_command_request_t> Decode(absl::Span<const uint8_t
 template absl::StatusOr<layer_digest_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<layer_listing_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<layer_pull_t> Decode(absl::Span<const uint8_t>);
+template absl::StatusOr<layer_scans_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<layer_updates_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<layers_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<likelihoods_reply_t> Decode(absl::Span<const uint8_t>);
@@ -163,6 +197,7 @@ template absl::StatusOr<raster_reply_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<raster_request_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<rays_reply_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<rays_request_t> Decode(absl::Span<const uint8_t>);
+template absl::StatusOr<scan_pull_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<settings_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<status_t> Decode(absl::Span<const uint8_t>);
 template absl::StatusOr<sweeps_reply_t> Decode(absl::Span<const uint8_t>);

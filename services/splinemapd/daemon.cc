@@ -37,6 +37,7 @@ PublisherOptions PublisherOptionsOf(const config::Service& service) {
   using Duration = std::chrono::duration<double, std::milli>;
   PublisherOptions publisher;
   publisher.bytes_per_s = service.max_publish_kb_per_s() * 1000;
+  publisher.sends_scans = service.max_archive_mb() > 0;
   publisher.push_interval =
       std::chrono::duration_cast<std::chrono::milliseconds>(Duration(service.push_interval_ms()));
   return publisher;

@@ -73,8 +73,8 @@ class Pool {
          {LayerSnapshot{own.id, own.session, map.layers[0].revision, map.layers[0].tiles}, away,
           HonestOwner("owner", kOptions, 5).truth()}) {
       Add(MessagesOf(layer, kOptions), templates_);
-      Add({FalseUpdates(layer, 100), FalseUpdates(layer, 3000), SettingsMessage(layer.id, 1),
-           SettingsMessage({"nobody", layer.id.origin}, 1)},
+      Add({FalseScan(layer), FalseUpdates(layer, 100), FalseUpdates(layer, 3000),
+           SettingsMessage(layer.id, 1), SettingsMessage({"nobody", layer.id.origin}, 1)},
           templates_);
     }
     Add(Queries(daemon_nonce), templates_);

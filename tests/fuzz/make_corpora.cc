@@ -21,10 +21,13 @@
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_ref_t.hpp"
+#include "lcmtypes/splinemap/layer_scans_t.hpp"
 #include "lcmtypes/splinemap/layer_settings_t.hpp"
 #include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lcmtypes/splinemap/layers_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
+#include "lcmtypes/splinemap/scan_record_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lcmtypes/splinemap/tile_update_t.hpp"
@@ -214,6 +217,33 @@ class CorpusMaker {
     pull.xs = {-1, 0};
     pull.ys = {3, -1};
     WriteMessage("layer_pull/tile_and_node", 0, pull);
+
+    layer_scans_t scans{};
+    scans.speaker = 3;
+    scans.layer = layer;
+    scans.oldest = 7;
+    scans.num_scans = 2;
+    for (int16_t part = 0; part < 2; ++part) {
+      scan_record_t record{};
+      record.revision = 9;
+      record.utime = 1'000'000;
+      record.robot_x = -(1 << 20);
+      record.robot_yaw = 5;
+      record.part = part;
+      record.num_parts = 2;
+      record.num_bytes = 3;
+      record.content = {1, 2, 3};
+      scans.scans.push_back(record);
+    }
+    WriteMessage("layer_scans/two_parts", 0, scans);
+
+    scan_pull_t scan_pull{};
+    scan_pull.speaker = 5;
+    scan_pull.layer = layer;
+    scan_pull.num_ranges = 2;
+    scan_pull.first = {3, 9};
+    scan_pull.last = {3, 12};
+    WriteMessage("scan_pull/two_ranges", 0, scan_pull);
   }
 
   template <typename Query>

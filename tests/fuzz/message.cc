@@ -11,8 +11,10 @@
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_scans_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lcmtypes/splinemap/layers_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lcmtypes/splinemap/trajectory_t.hpp"
@@ -51,6 +53,8 @@ void Use(const std::vector<uint8_t>& message, const SensorOptions& options) {
   Decode<layer_updates_t>(message).status().IgnoreError();
   Decode<layer_listing_t>(message).status().IgnoreError();
   Decode<layer_pull_t>(message).status().IgnoreError();
+  Decode<layer_scans_t>(message).status().IgnoreError();
+  Decode<scan_pull_t>(message).status().IgnoreError();
   DecodeFrame(message).status().IgnoreError();
   TrajectoryParts("robot").Add(message).status().IgnoreError();
   if (const auto mount = DecodeSensorMount(message); mount.ok()) {
@@ -90,6 +94,8 @@ const FuzzTarget targets[] = {
     {"layer_updates", &Run<layer_updates_t>},
     {"layer_listing", &Run<layer_listing_t>},
     {"layer_pull", &Run<layer_pull_t>},
+    {"layer_scans", &Run<layer_scans_t>},
+    {"scan_pull", &Run<scan_pull_t>},
     {"trajectory", &Run<trajectory_t>},
 };
 

@@ -114,7 +114,7 @@ click_on_a_field() { point_at SPLINEMAP_STATUS 60 35 && double_click; }
 await is_open SPLINEMAP_STATUS double_click_on SPLINEMAP_STATUS
 await is_open utime click_on_a_field  # a chart, so the message was decoded
 
-await is_open splinemap-viewer double_click_on SPLINEMAP_UPDATES
+await is_open splinemap-viewer double_click_on SPLINEMAP_SCANS
 grep -qxF "No splinemap-viewer answers at $page; start it beside this bus: splinemap-viewer" \
   spy.log || fail "nothing is said of a viewer that is away: $(cat spy.log)"
 [[ ! -e opened ]] || fail "a page was opened that nobody serves"
@@ -132,14 +132,14 @@ touch begin
 choose_the_map_on() {
   point_at_channel "$1" && xdotool click 3 && sleep 0.3 && xdotool mousemove_relative 20 31 click 1
 }
-for way in "double_click_on SPLINEMAP_UPDATES" "choose_the_map_on SPLINEMAP_DIGESTS"; do
+for way in "double_click_on SPLINEMAP_SCANS" "choose_the_map_on SPLINEMAP_DIGESTS"; do
   # shellcheck disable=SC2086  # words of a command
   await is_there opened $way
   [[ $(cat opened) == "$page" ]] || fail "$way: opened $(cat opened) in place of $page"
   rm opened
 done
 grep -q "GET /healthz" viewer.log || fail "the viewer was not asked: $(cat viewer.log)"
-has_no_empty_window() { ! xdotool search --name '^SPLINEMAP_(UPDATES|DIGESTS)'; }
+has_no_empty_window() { ! xdotool search --name '^SPLINEMAP_(SCANS|DIGESTS)'; }
 await has_no_empty_window
 
 kill -0 "$spy_pid" || fail "lcm-spy ended: $(cat spy.log)"

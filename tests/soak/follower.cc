@@ -27,11 +27,12 @@ void Print(const FollowedLayer& layer, int64_t bytes_received) {
   const std::chrono::duration<double> now = std::chrono::system_clock::now().time_since_epoch();
   fmt::print(
       "{{\"time_s\": {:.3f}, \"session_number\": {}, \"revision\": {}, \"caught_up\": {}, "
-      "\"tiles\": {}, \"bytes\": {}, \"applied\": {}, \"stale\": {}, \"unusable\": {}, "
-      "\"asked_tiles\": {}, \"asked_nodes\": {}}}\n",
+      "\"tiles\": {}, \"bytes\": {}, \"folded\": {}, \"applied\": {}, \"stale\": {}, "
+      "\"unusable\": {}, \"asked_scans\": {}, \"asked_tiles\": {}, \"asked_nodes\": {}}}\n",
       now.count(), layer.session.number, layer.revision, IsWhole(layer), layer.tiles,
-      bytes_received, layer.counts.applied, layer.counts.stale, layer.counts.unusable,
-      layer.counts.asked_tiles, layer.counts.asked_nodes);
+      bytes_received, layer.counts.folded, layer.counts.applied, layer.counts.stale,
+      layer.counts.unusable, layer.counts.asked_scans, layer.counts.asked_tiles,
+      layer.counts.asked_nodes);
   std::fflush(stdout);
 }
 
@@ -63,8 +64,9 @@ int Main(int argc, char** argv) {
   app.add_option("OUT", out, "Map file to write at the end")->required();
   std::vector<double> region_m;
   app.add_option("--region", region_m, "x0 y0 x1 y1 in metres")->expected(4);
-  CLI11_PARSE(app, argc, argv);
   FollowOptions options;
+  app.add_flag("--tiles", options.takes_tiles, "Takes tiles, no scans");
+  CLI11_PARSE(app, argc, argv);
   if (!region_m.empty())
     options.region = Region{region_m[0], region_m[1], region_m[2], region_m[3]};
   std::signal(SIGTERM, [](int) { is_ended = 1; });

@@ -26,7 +26,10 @@
 #include <vector>
 
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_scans_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
+#include "lcmtypes/splinemap/scan_record_t.hpp"
 #include "lcmtypes/splinemap/tile_update_t.hpp"
 #include "lib/base/clock.h"
 #include "lib/base/status.h"
@@ -50,14 +53,14 @@ struct Flags {
 };
 
 std::sig_atomic_t is_ended = 0;
-std::sig_atomic_t is_cut = 0;         // nothing passes
-std::sig_atomic_t drops_updates = 0;  // so many datagrams with updates do not reach the other side
+std::sig_atomic_t is_cut = 0;       // nothing passes
+std::sig_atomic_t drops_scans = 0;  // so many datagrams with scans do not reach the other side
 
 void HandleSignal(int signal) {
   if (signal == SIGUSR1) {
     is_cut = is_cut == 0;
   } else if (signal == SIGUSR2) {
-    drops_updates = drops_updates + 1;
+    drops_scans = drops_scans + 1;
   } else {
     is_ended = 1;
   }
@@ -137,7 +140,7 @@ class Side {
 };
 
 // What was said on a bus, by what it is for. A tile that was asked for and comes whole is an
-// answer.
+// answer, and so is a scan that comes again.
 class Tally {
  public:
   void Take(const LcmMessage& message, size_t datagram_bytes) {
@@ -149,6 +152,14 @@ class Tally {
       case MessageType::kLayerUpdates:
         if (const auto updates = Decode<layer_updates_t>(message.bytes); updates.ok()) {
           HandleUpdates(*updates);
+        }
+        break;
+      case MessageType::kScanPull:
+        if (const auto pull = Decode<scan_pull_t>(message.bytes); pull.ok()) HandleScanPull(*pull);
+        break;
+      case MessageType::kLayerScans:
+        if (const auto scans = Decode<layer_scans_t>(message.bytes); scans.ok()) {
+          HandleScans(*scans);
         }
         break;
       default:
@@ -186,8 +197,23 @@ class Tally {
     }
   }
 
+  void HandleScanPull(const scan_pull_t& pull) {
+    for (int n = 0; n < pull.num_ranges; ++n) {
+      Count("asked_scans", pull.last[n] - pull.first[n] + 1, 0);
+    }
+  }
+  // A scan that was sent before is an answer.
+  void HandleScans(const layer_scans_t& scans) {
+    for (const scan_record_t& scan : scans.scans) {
+      const bool is_answer = !sent_.insert({scan.revision, scan.part}).second;
+      Count(is_answer ? "answered_scans" : "pushed_scans", scan.part == 0 ? 1 : 0,
+            scan._getEncodedSizeNoHash());
+    }
+  }
+
   std::map<std::string, std::pair<int64_t, int64_t>> counts_;
-  std::set<std::pair<int32_t, int32_t>> asked_;  // and not answered yet
+  std::set<std::pair<int32_t, int32_t>> asked_;  // tiles that were not answered yet
+  std::set<std::pair<int64_t, int16_t>> sent_;   // parts of scans, by revision
 };
 
 // One direction.
@@ -252,10 +278,10 @@ absl::Status Run(const Flags& flags) {
       if (!message.channel.starts_with("SPLINEMAP_")) continue;
       tally.Take(message, heard.datagram.size());
       if (heard.is_own || is_cut != 0) continue;
-      if (drops_updates > 0 && message.channel == "SPLINEMAP_UPDATES") {
-        drops_updates = drops_updates - 1;
-        const auto updates = Decode<layer_updates_t>(message.bytes);
-        tally.Count("dropped_tiles", updates.ok() ? updates->num_tiles : 0, message.bytes.size());
+      if (drops_scans > 0 && message.channel == "SPLINEMAP_SCANS") {
+        drops_scans = drops_scans - 1;
+        const auto scans = Decode<layer_scans_t>(message.bytes);
+        tally.Count("dropped_scans", scans.ok() ? scans->num_scans : 0, message.bytes.size());
         continue;
       }
       out.Take(heard.datagram, now);

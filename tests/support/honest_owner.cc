@@ -3,6 +3,7 @@
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_settings_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lib/tiles/tile_codec.h"
 #include "splinemap/layer_settings.h"
@@ -10,8 +11,10 @@
 
 namespace splinemap {
 
-HonestOwner::HonestOwner(const std::string& name, const MapOptions& options, uint64_t seed)
+HonestOwner::HonestOwner(const std::string& name, const MapOptions& options, uint64_t seed,
+                         bool maps_scans)
     : options_(options), random_(seed), layer_(LayerId{name, random_()}, SessionId{1, random_()}) {
+  if (maps_scans) mapper_.emplace(std::make_shared<ScanFolder>(options));
   for (const TileKey key : {TileKey{0, 0}, TileKey{-1, 2}, TileKey{40, -3}}) {
     layer_.BeginCommit();
     layer_.EditTile(key) = RandomTile(random_, options_.limits);
@@ -20,7 +23,7 @@ HonestOwner::HonestOwner(const std::string& name, const MapOptions& options, uin
 }
 
 void HonestOwner::Remember() {
-  truth_ = layer_.Snapshot();
+  truth_ = mapper_ ? mapper_->SnapshotOf(layer_) : layer_.Snapshot();
   truth_.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
     mapped_.emplace(truth_.id, TileChecksum(key, *entry.tile));
   });
@@ -43,8 +46,12 @@ void HonestOwner::Begin() {
 }
 
 void HonestOwner::Map(Clock::time_point now) {
-  layer_.BeginCommit();
-  layer_.EditTile(RandomKey(random_, 1)) = RandomTile(random_, options_.limits);
+  if (mapper_) {
+    mapper_->Map(RandomScan(random_, 1.6), layer_);
+  } else {
+    layer_.BeginCommit();
+    layer_.EditTile(RandomKey(random_, 1)) = RandomTile(random_, options_.limits);
+  }
   Remember();
   publisher_->SetLayer(truth_, now);
 }
@@ -66,6 +73,8 @@ void HonestOwner::Hear(absl::Span<const uint8_t> bytes, Clock::time_point now) {
   } else if (const auto* pull = std::get_if<layer_pull_t>(&*message)) {
     guard_.HandleKnown(FromMessage(pull->layer), ref(), now);
     publisher_->HandlePull(*pull, now);
+  } else if (const auto* scans = std::get_if<scan_pull_t>(&*message)) {
+    publisher_->HandleScanPull(*scans, now);
   } else if (const auto* settings = std::get_if<settings_t>(&*message)) {
     for (const layer_settings_t& layer : settings->layers) {
       LayerSettings setting;

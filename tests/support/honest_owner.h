@@ -13,6 +13,7 @@
 #include "lib/replication/replication_message.h"
 #include "lib/replication/session_guard.h"
 #include "splinemap/layer_set.h"
+#include "tests/support/scan_mapper.h"
 
 namespace splinemap {
 
@@ -21,10 +22,11 @@ namespace splinemap {
 // threads or sockets of its own.
 class HonestOwner {
  public:
-  // The same `seed`, the same layer and the same changes.
-  HonestOwner(const std::string& name, const MapOptions& options, uint64_t seed);
+  // The same `seed`, the same layer and the same changes. It maps scans, or tiles from elsewhere.
+  HonestOwner(const std::string& name, const MapOptions& options, uint64_t seed,
+              bool maps_scans = false);
 
-  // A commit that changes a tile.
+  // A commit that changes a tile, or some.
   void Map(Clock::time_point now);
 
   // Any bytes from the bus.
@@ -46,6 +48,7 @@ class HonestOwner {
   const MapOptions options_;
   std::mt19937_64 random_;
   Layer layer_;
+  std::optional<ScanMapper> mapper_;
   LayerSnapshot truth_;
   std::optional<PyramidPublisher> publisher_;
   std::optional<ByteBudget> budget_;  // of it

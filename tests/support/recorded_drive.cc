@@ -22,6 +22,15 @@ absl::StatusOr<std::vector<RecordedScan>> ReadRecordedDrive(const std::string& p
   return drive;
 }
 
+PosedScan PosedScanOf(const RecordedScan& recorded) {
+  PosedScan scan;
+  scan.utime = recorded.scan.utime;
+  scan.world_T_robot = FixedPose2::Nearest(recorded.world_T_sensor);
+  scan.robot_T_sensor = {FixedPose2()};
+  scan.beams = recorded.scan.beams;
+  return scan;
+}
+
 std::vector<PlacedBeam> Place(const RecordedScan& recorded) {
   std::vector<PlacedBeam> beams;
   Place(recorded.scan.beams, {&recorded.world_T_sensor, 1}, beams);

@@ -7,12 +7,16 @@
 #include "lcmtypes/splinemap/layer_command_request_t.hpp"
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/layer_scans_t.hpp"
 #include "lcmtypes/splinemap/layer_settings_t.hpp"
 #include "lcmtypes/splinemap/layer_updates_t.hpp"
 #include "lcmtypes/splinemap/request_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
+#include "lcmtypes/splinemap/scan_record_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lcmtypes/splinemap/tile_update_t.hpp"
 #include "lcmtypes/splinemap/trajectory_t.hpp"
+#include "lib/archive/scan_record.h"
 #include "lib/replication/byte_budget.h"
 #include "lib/replication/pyramid_publisher.h"
 #include "lib/replication/replication_message.h"
@@ -20,6 +24,7 @@
 #include "lib/tiles/tile_codec.h"
 #include "lib/wire/encode.h"
 #include "tests/support/queries.h"
+#include "tests/support/random_map.h"
 
 namespace splinemap {
 namespace {
@@ -57,7 +62,13 @@ std::vector<ValidMessage> MessagesOf(const LayerSnapshot& layer, const MapOption
   pull.xs = {0, -1, 0};
   pull.ys = {0, 0, 0};
   publisher.HandlePull(pull, now);
-  std::vector<ValidMessage> messages{Make(pull)};
+  scan_pull_t scan_pull{};
+  scan_pull.speaker = kSomebody;
+  scan_pull.layer = pull.layer;
+  scan_pull.num_ranges = 1;
+  scan_pull.first = {static_cast<int64_t>(layer.revision)};
+  scan_pull.last = scan_pull.first;
+  std::vector<ValidMessage> messages{Make(pull), Make(scan_pull)};
   ByteBudget budget(PublisherOptions().bytes_per_s);
   budget.Refill(now, publisher.HasChanges(), publisher.HasPulls());
   for (const ReplicationMessage& said : publisher.Tick(now, budget)) {
@@ -90,6 +101,28 @@ ValidMessage FalseUpdates(const LayerSnapshot& layer, ControlPoint value) {
   }
   updates.num_tiles = static_cast<int32_t>(updates.tiles.size());
   return Make(updates);
+}
+
+ValidMessage FalseScan(const LayerSnapshot& layer) {
+  std::mt19937_64 random(1);
+  const PosedScan scan = RandomScan(random, 1);
+  const std::string beams = PackBeams(scan, {});
+  layer_scans_t message{};
+  message.speaker = static_cast<int64_t>(layer.session.nonce);
+  message.layer = ToMessage(LayerRef{layer.id, layer.session, {}});
+  message.oldest = 1;
+  message.num_scans = 1;
+  scan_record_t& record = message.scans.emplace_back();
+  record.revision = static_cast<int64_t>(layer.revision + 1);
+  record.utime = scan.utime.count();
+  record.robot_x = scan.world_T_robot.x;
+  record.robot_y = scan.world_T_robot.y;
+  record.robot_yaw = scan.world_T_robot.yaw;
+  record.part = 0;
+  record.num_parts = 1;
+  record.content.assign(beams.begin(), beams.end());
+  record.num_bytes = static_cast<int32_t>(beams.size());
+  return Make(message);
 }
 
 ValidMessage SettingsMessage(const LayerId& id, uint64_t counter) {

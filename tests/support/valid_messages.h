@@ -22,6 +22,9 @@ std::vector<ValidMessage> MessagesOf(const LayerSnapshot& layer, const MapOption
 // A valid change of two tiles that the owner never made, to control points of one value.
 ValidMessage FalseUpdates(const LayerSnapshot& layer, ControlPoint value);
 
+// A valid scan of the next commit that the owner never mapped.
+ValidMessage FalseScan(const LayerSnapshot& layer);
+
 // Settings that change nothing, to be changed.
 ValidMessage SettingsMessage(const LayerId& id, uint64_t counter);
 

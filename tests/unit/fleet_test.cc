@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,7 @@
 #include "tests/support/num_schedules.h"
 #include "tests/support/placement.h"
 #include "tests/support/random_map.h"
+#include "tests/support/scan_mapper.h"
 
 namespace splinemap::fleet_test {
 
@@ -62,9 +64,17 @@ Content ContentOf(const LayerSet& set, const MapView& view) {
 
 Content ContentOf(MapFollower& follower) { return ContentOf(follower.Layers(), *follower.View()); }
 
+// Of all robots: it takes some time to make.
+std::shared_ptr<ScanFolder> Folder() {
+  static const auto& folder =
+      *new std::shared_ptr<ScanFolder>(std::make_shared<ScanFolder>(kOptions));
+  return folder;
+}
+
 class Robot {
  public:
-  Robot(std::string name, Random& random) : random_(random) {
+  // Maps scans and keeps them, or has tiles from elsewhere.
+  Robot(std::string name, bool has_scans, Random& random) : random_(random), has_scans_(has_scans) {
     file_.options = kOptions;
     file_.own_layer = LayerId{std::move(name), random_()};
   }
@@ -85,8 +95,9 @@ class Robot {
                    ? &map_->AddLayer(id(), {setting.removed_up_to + 1, random_()})
                    : &map_->ContinueLayer(*own, session);
     }
-    exchange_ = std::make_unique<LayerExchange>(FollowOptions{}, PublisherOptions{},
-                                                layer_->Snapshot(), file_, now);
+    mapper_.emplace(Folder());
+    exchange_ =
+        std::make_unique<LayerExchange>(FollowOptions{}, PublisherOptions{}, Own(), file_, now);
     Save();  // the new session
   }
   void Stop() {
@@ -104,6 +115,10 @@ class Robot {
   }
 
   void Commit(int tiles = 3) {
+    if (has_scans_) {
+      mapper_->Map(RandomScan(random_, 1.6 * 4), *layer_);
+      return;
+    }
     layer_->BeginCommit();
     for (int n = 0; n < tiles; ++n) {
       Tile& tile = layer_->EditTile(RandomKey(random_, 4));
@@ -165,7 +180,7 @@ class Robot {
       layer_->StartSession(next->ref.id, next->ref.session);
       file_.own_layer = next->ref.id;
     }
-    exchange_->SetOwn(layer_->Snapshot(), now);
+    exchange_->SetOwn(Own(), now);
     if (next && !is_removed) Save();
     return Encoded(is_leaving_ ? exchange_->LastTick(now) : exchange_->Tick(now));
   }
@@ -177,7 +192,7 @@ class Robot {
     LayerSet set = exchange_->FollowedLayers();
     set.options = kOptions;
     set.own_layer = layer_->id();
-    set.layers.push_back(layer_->Snapshot());
+    set.layers.push_back(Own());
     return set;
   }
   Content Map() {
@@ -193,7 +208,11 @@ class Robot {
     return bytes;
   }
 
+  LayerSnapshot Own() { return has_scans_ ? mapper_->SnapshotOf(*layer_) : layer_->Snapshot(); }
+
   Random& random_;
+  const bool has_scans_;
+  std::optional<ScanMapper> mapper_;
   bool is_leaving_ = false;
   LayerSet file_;
   std::vector<LayerSet> files_;
@@ -204,7 +223,14 @@ class Robot {
 
 // Follows, and keeps nothing.
 struct Client {
-  explicit Client(uint64_t speaker) : follower({}, speaker) {}
+  explicit Client(uint64_t speaker) : follower(Options(speaker), speaker) {}
+
+  // One in three takes tiles.
+  static FollowOptions Options(uint64_t speaker) {
+    FollowOptions options;
+    options.takes_tiles = speaker % 3 == 0;
+    return options;
+  }
 
   MapFollower follower;
   ByteBudget budget{PublisherOptions().bytes_per_s};
@@ -215,7 +241,8 @@ class Fleet {
   Fleet(Weather weather, int robots, int clients, uint64_t seed)
       : network_(weather, seed), random_(seed) {
     for (int n = 0; n < robots; ++n) {
-      robots_.push_back(std::make_unique<Robot>("robot-" + std::to_string(n), random_));
+      robots_.push_back(
+          std::make_unique<Robot>("robot-" + std::to_string(n), (seed + n) % 4 != 0, random_));
     }
     for (int n = 0; n < clients; ++n) RestartClient(clients_.size());
   }

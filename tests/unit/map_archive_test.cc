@@ -153,19 +153,23 @@ TEST_F(MapFileArchiveTest, AKilledSaverLeavesTilesAndScansOfOneSave) {
           TileTreeEditor base;
           for (int k = 0; k < 20; ++k) {
             base.Edit({k, 0}, 1).control_points.fill(
-                static_cast<ControlPoint>(archive_.base.scans % 10'000));
+                static_cast<ControlPoint>(archive_.base.scans % 5'000));
           }
           archive_.base.tiles = base.Freeze();
         }
         layer.BeginCommit();
         for (int k = 0; k < 20; ++k) {
           layer.EditTile({k, 0}).control_points.fill(
-              static_cast<ControlPoint>(archive_.scans_added() % 10'000));
+              static_cast<ControlPoint>(archive_.scans_added() % 5'000));
         }
         if (!file->Save(Set()).ok()) _exit(1);
       }
     }
-    while (!ReadMapFile(path_).ok()) usleep(1000);
+    const auto is_saved = [&] {
+      const auto map = ReadMapFile(path_);
+      return map.ok() && !map->set.layers.empty();
+    };
+    while (!is_saved()) usleep(1000);
     usleep(1000 * (20 + 29 * round));
     kill(child, SIGKILL);
     int status = 0;
@@ -178,10 +182,10 @@ TEST_F(MapFileArchiveTest, AKilledSaverLeavesTilesAndScansOfOneSave) {
     const LayerSnapshot& layer = loaded->set.layers.front();
     const int64_t scans = layer.archive->base.scans + layer.archive->num_scans();
     layer.tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
-      ASSERT_EQ(entry.tile->control_points[7], scans % 10'000);
+      ASSERT_EQ(entry.tile->control_points[7], scans % 5'000);
     });
     layer.archive->base.tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
-      ASSERT_EQ(entry.tile->control_points[7], layer.archive->base.scans % 10'000);
+      ASSERT_EQ(entry.tile->control_points[7], layer.archive->base.scans % 5'000);
     });
     EXPECT_EQ(layer.tiles.size(), 20u);
     MapFile::Remove(path_);

@@ -581,7 +581,7 @@ TEST_F(MapFileTest, AFileOfTheSchemaBeforeIsReadAndContinued) {
   const auto again = ReadMapFile(path_);
   EXPECT_TRUE(again->corruption.empty());
   ExpectEqual(again->set, map.Layers());
-  EXPECT_EQ(SQLite::Database(path_).execAndGet("PRAGMA user_version").getInt(), 4);
+  EXPECT_EQ(SQLite::Database(path_).execAndGet("PRAGMA user_version").getInt(), 5);
 }
 
 TEST_F(MapFileTest, RefusesWhatIsNoMapInWords) {
@@ -620,7 +620,7 @@ TEST_F(MapFileTest, RefusesAFolder) {
 TEST_F(MapFileTest, RefusesAnotherSchema) {
   map_.AddLayer({"robot", 1}, {1, 1});
   ASSERT_TRUE(MapFile::Open(path_)->Save(map_.Layers()).ok());
-  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 5");
+  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 6");
   EXPECT_NE(ErrorText(MapFile::Open(path_).status()).find("a newer splinemap"), std::string::npos);
   SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 1");
   EXPECT_NE(ErrorText(ReadMapFile(path_).status()).find("an older splinemap"), std::string::npos);

@@ -12,11 +12,13 @@
 #include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lcmtypes/splinemap/layers_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
+#include "lib/layers/layer_pyramid.h"
 #include "lib/replication/pyramid_publisher.h"
 #include "lib/wire/encode.h"
 #include "splinemap/map_view.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/placement.h"
+#include "tests/support/random_map.h"
 
 namespace splinemap::map_follower_test {
 
@@ -39,6 +41,7 @@ class Owner {
     layer_.BeginCommit();
     layer_.EditTile(key).control_points.fill(value);
   }
+  Layer& layer() { return layer_; }
   void SpeakTo(MapFollower& follower, Clock::time_point now) {
     publisher_->SetLayer(layer_.Snapshot(), now);
     budget_.Refill(now, publisher_->HasChanges(), publisher_->HasPulls());
@@ -336,7 +339,9 @@ TEST(MapFollowerTest, ARegionIsOfTheMapFrameAtAnyLevel) {
   EXPECT_NE(tiles.Find({9, 0}), nullptr);
   EXPECT_EQ(tiles.Find({0, 0}), nullptr);
 
+  // A level that its daemon makes.
   options.level_of_detail = {3, Statistic::kMax};
+  options.takes_tiles = true;
   MapFollower coarse(options, kSpeaker);
   one.SpeakTo(coarse, kBegin);
   EXPECT_DOUBLE_EQ(coarse.View()->options.knot_interval_m, 0.4);
@@ -346,6 +351,46 @@ TEST(MapFollowerTest, ARegionIsOfTheMapFrameAtAnyLevel) {
   const auto& pull = std::get<layer_pull_t>(messages[1]);
   EXPECT_EQ(pull.layer.level, 3);
   EXPECT_EQ(pull.layer.statistic, 2);
+}
+
+TEST(MapFollowerTest, ALevelThatIsMadeHereIsThatOfTheDaemon) {
+  for (const Statistic statistic : {Statistic::kMean, Statistic::kMin, Statistic::kMax}) {
+    for (const bool is_of_region : {false, true}) {
+      Owner one("one", 1);
+      std::mt19937_64 random(5);
+      for (int n = 0; n < 200; ++n) {
+        one.Commit(RandomKey(random, 20), static_cast<ControlPoint>(100 + n));
+      }
+      FollowOptions options;
+      options.level_of_detail = {2, statistic};
+      if (is_of_region) options.region = Region{-7, -3, 12, 9};
+      MapFollower follower(options, kSpeaker);
+      one.SpeakTo(follower, kBegin);
+      LayerPyramid levels(2);
+      levels.Advance(one.layer().Snapshot(), 1'000'000);
+      const TileTree expected = levels.Layer(options.level_of_detail).tiles;
+      const TileTree tiles = follower.Layers().layers.at(0).tiles;
+      size_t in_region = 0;
+      expected.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+        const bool is_in =
+            !is_of_region || (key.tx >= -2 && key.tx <= 1 && key.ty >= -1 && key.ty <= 1);
+        in_region += is_in ? 1 : 0;
+        const Tile* tile = tiles.Find(key);
+        EXPECT_EQ(tile != nullptr, is_in) << key.tx << " " << key.ty;
+        if (tile != nullptr) {
+          EXPECT_EQ(*tile, *entry.tile);
+        }
+      });
+      EXPECT_EQ(tiles.size(), in_region);
+      EXPECT_GT(in_region, 0u);
+      EXPECT_DOUBLE_EQ(follower.View()->options.knot_interval_m, 0.2);
+      // Goes on with what changes.
+      const LayerSnapshot before = follower.Layers().layers.at(0);
+      one.Commit({1, 1}, 77);
+      one.SpeakTo(follower, kBegin + milliseconds(1000));
+      EXPECT_NE(follower.Layers().layers.at(0).tiles.version(), before.tiles.version());
+    }
+  }
 }
 
 }  // namespace splinemap::map_follower_test

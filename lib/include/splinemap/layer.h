@@ -74,6 +74,12 @@ class Layer {
   void BeginCommit() { ++revision_; }
   // Requires a commit. The reference is valid until the next call.
   Tile& EditTile(TileKey key) { return tiles_.Edit(key, revision_); }
+  // The next commit, made of the edits of `edit`, which stamps them with the revision that it gets.
+  template <typename Edit>  // void(TileTreeEditor& tiles, uint64_t revision)
+  void Commit(Edit edit) {
+    BeginCommit();
+    edit(tiles_, revision_);
+  }
 
   // Restores what a file or another owner's update says, unless the layer has that revision of the
   // tile or a newer one; the layer's revision grows with it. Requires IsInRange(key).

@@ -51,6 +51,7 @@ double ResidentBytes(pid_t pid) {
 
 struct Cost {
   int robots = 0;
+  bool sends_scans = false;  // or tiles
   double cpu = 0;            // s a second, of the base station
   double sent_kb_per_s = 0;  // by the robots
   double raw_kb_per_s = 0;   // of the tiles that changed, once for each scan
@@ -100,7 +101,7 @@ void HandleFor(LcmBus& bus, Seconds time) {
   while (Clock::now() < end) bus.Handle(milliseconds(20));
 }
 
-absl::StatusOr<Cost> Measure(int robots, const Workload& workload, Seconds time) {
+absl::StatusOr<Cost> Measure(int robots, bool sends_scans, const Workload& workload, Seconds time) {
   const TemporaryDirectory folder;
   SPLINEMAP_ASSIGN_OR_RETURN(const auto bus, LcmBus::Open(""));
   LayersHeard heard(*bus);
@@ -111,7 +112,7 @@ absl::StatusOr<Cost> Measure(int robots, const Workload& workload, Seconds time)
       HandleUntil(*bus, kPatience, "a base station", [&] { return heard.HasAny(); }));
   const double empty_bytes = ResidentBytes(base.pid());
 
-  RobotFleet fleet(robots, workload, *bus);
+  RobotFleet fleet(robots, sends_scans, workload, *bus);
   HandleFor(*bus, Seconds(2));
   const auto begin = Clock::now();
   const double cpu_before = CpuSeconds(base.pid());
@@ -119,7 +120,7 @@ absl::StatusOr<Cost> Measure(int robots, const Workload& workload, Seconds time)
   HandleFor(*bus, time);
   const double measured_s = Seconds(Clock::now() - begin).count();
   const RobotFleet::Totals after = fleet.totals();
-  Cost cost{robots};
+  Cost cost{robots, sends_scans};
   cost.cpu = (CpuSeconds(base.pid()) - cpu_before) / measured_s;
   cost.sent_kb_per_s = static_cast<double>(after.bytes - before.bytes) / 1000 / measured_s;
   cost.raw_kb_per_s = static_cast<double>(after.changed_tiles - before.changed_tiles) *
@@ -138,10 +139,11 @@ absl::StatusOr<Cost> Measure(int robots, const Workload& workload, Seconds time)
 
 void Print(const Cost& cost, const Cost& one) {
   fmt::print(
-      "{:>6} {:>9.3f} {:>7.1f} {:>10.0f} {:>7.1f} {:>10.0f} {:>7.3f} {:>9.1f} {:>9.1f} {:>7.2f} "
+      "{:>6} {:>6} {:>9.3f} {:>7.1f} {:>10.0f} {:>7.1f} {:>10.0f} {:>7.3f} {:>9.1f} {:>9.1f} "
+      "{:>7.2f} "
       "{:>8.1f}\n",
-      cost.robots, cost.cpu, cost.cpu / one.cpu, cost.sent_kb_per_s,
-      cost.sent_kb_per_s / one.sent_kb_per_s, cost.raw_kb_per_s,
+      cost.robots, cost.sends_scans ? "scans" : "tiles", cost.cpu, cost.cpu / one.cpu,
+      cost.sent_kb_per_s, cost.sent_kb_per_s / one.sent_kb_per_s, cost.raw_kb_per_s,
       cost.sent_kb_per_s / cost.raw_kb_per_s, cost.tiles_mb, cost.memory_mb,
       cost.memory_mb / cost.tiles_mb, cost.equal_s);
   if (cost.late_rounds > 0) {
@@ -156,14 +158,17 @@ absl::Status Run(int robots, double seconds, int max_scans) {
   if (!workload) workload = MakeWorkload("simulated_360_beams_3.5_m", max_scans);
   fmt::print("A base station that follows robots on {}, 10 scans a second each, {:g} s\n",
              workload->name, seconds);
-  fmt::print("{:>6} {:>9} {:>7} {:>10} {:>7} {:>10} {:>7} {:>9} {:>9} {:>7} {:>8}\n", "robots",
-             "cpu, s/s", "to one", "sent, kB/s", "to one", "raw, kB/s", "ratio", "tiles, MB",
-             "RSS, MB", "ratio", "equal, s");
-  std::optional<Cost> one;
-  for (const int number : {1, robots}) {
-    SPLINEMAP_ASSIGN_OR_RETURN(const Cost cost, Measure(number, *workload, Seconds(seconds)));
-    if (!one) one = cost;
-    Print(cost, *one);
+  fmt::print("{:>6} {:>6} {:>9} {:>7} {:>10} {:>7} {:>10} {:>7} {:>9} {:>9} {:>7} {:>8}\n",
+             "robots", "send", "cpu, s/s", "to one", "sent, kB/s", "to one", "raw, kB/s", "ratio",
+             "tiles, MB", "RSS, MB", "ratio", "equal, s");
+  for (const bool sends_scans : {false, true}) {
+    std::optional<Cost> one;
+    for (const int number : {1, robots}) {
+      SPLINEMAP_ASSIGN_OR_RETURN(const Cost cost,
+                                 Measure(number, sends_scans, *workload, Seconds(seconds)));
+      if (!one) one = cost;
+      Print(cost, *one);
+    }
   }
   return absl::OkStatus();
 }

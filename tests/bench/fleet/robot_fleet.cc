@@ -5,6 +5,7 @@
 
 #include "fmt/format.h"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
 #include "lib/config/config.h"
 #include "lib/replication/replication_message.h"
 #include "lib/tiles/tile_codec.h"
@@ -21,24 +22,38 @@ constexpr int kTicks = kScanInterval / kTick;
 constexpr const char* kPrefix = "SPLINEMAP";
 constexpr double kHeaderBytes = 8 + sizeof("SPLINEMAP_UPDATES");  // of LCM
 
+PublisherOptions OptionsOf(bool sends_scans) {
+  PublisherOptions options;
+  options.sends_scans = sends_scans;
+  return options;
+}
+
 }  // namespace
 
-RobotFleet::Robot::Robot(int number, const MapOptions& options, size_t first_scan)
-    : map(options),
+RobotFleet::Robot::Robot(int number, bool sends_scans, std::shared_ptr<ScanFolder> folder,
+                         size_t first_scan)
+    : map(folder->options()),
       layer(map.AddLayer({fmt::format("robot-{}", number), static_cast<uint64_t>(number) + 1},
                          {1, static_cast<uint64_t>(number) + 1})),
-      publisher(layer.Snapshot(), options, {}),
+      mapper(std::move(folder)),
+      publisher(mapper.SnapshotOf(layer), map.options(), OptionsOf(sends_scans)),
       next_scan(first_scan) {}
 
-RobotFleet::RobotFleet(int robots, const Workload& workload, LcmBus& bus)
-    : workload_(workload),
-      bus_(bus),
-      options_(MapOptionsOf({})),
-      model_(BeamModelOptionsOf({}), options_.knot_interval_m) {
+RobotFleet::RobotFleet(int robots, bool sends_scans, const Workload& workload, LcmBus& bus)
+    : workload_(workload), bus_(bus) {
+  const auto folder = std::make_shared<ScanFolder>(MapOptionsOf({}));
   for (int k = 0; k < robots; ++k) {
     const size_t first_scan = workload.scans.size() * k / robots;
-    robots_.push_back(std::make_unique<Robot>(k, options_, first_scan));
+    robots_.push_back(std::make_unique<Robot>(k, sends_scans, folder, first_scan));
   }
+  bus_.Subscribe(ChannelOf(scan_pull_t(), kPrefix),
+                 [this](const std::string&, absl::Span<const uint8_t> message) {
+                   const auto pull = Decode<scan_pull_t>(message);
+                   if (!pull.ok()) return;
+                   MutexLock lock(mutex_);
+                   for (const auto& robot : robots_)
+                     robot->publisher.HandleScanPull(*pull, Clock::now());
+                 });
   bus_.Subscribe(ChannelOf(layer_pull_t(), kPrefix),
                  [this](const std::string&, absl::Span<const uint8_t> message) {
                    const auto pull = Decode<layer_pull_t>(message);
@@ -68,10 +83,9 @@ void RobotFleet::Run(const std::stop_token& stop) {
 }
 
 void RobotFleet::MapNextScan(Robot& robot) {
-  model_.Accumulate(Place(workload_.scans[robot.next_scan]), scratch_);
-  scratch_.CommitTo(robot.layer, options_.limits);
+  robot.mapper.Map(PosedScanOf(workload_.scans[robot.next_scan]), robot.layer);
   robot.next_scan = (robot.next_scan + 1) % workload_.scans.size();
-  const LayerSnapshot snapshot = robot.layer.Snapshot();
+  const LayerSnapshot snapshot = robot.mapper.SnapshotOf(robot.layer);
   snapshot.tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
     totals_.changed_tiles += entry.revision == snapshot.revision ? 1 : 0;
   });

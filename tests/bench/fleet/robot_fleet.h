@@ -6,13 +6,12 @@
 #include <vector>
 
 #include "lib/base/mutex.h"
-#include "lib/mapping/beam_model.h"
-#include "lib/mapping/scan_scratch.h"
 #include "lib/replication/byte_budget.h"
 #include "lib/replication/pyramid_publisher.h"
 #include "lib/wire/lcm_bus.h"
 #include "tests/bench/speed/workload.h"
 #include "tests/support/map_writer.h"
+#include "tests/support/scan_mapper.h"
 
 namespace splinemap::bench {
 
@@ -20,8 +19,8 @@ namespace splinemap::bench {
 // second each, at different places of the drive. A thread of its own. Thread-safe.
 class RobotFleet {
  public:
-  // `workload` and `bus` outlive this.
-  RobotFleet(int robots, const Workload& workload, LcmBus& bus);
+  // `workload` and `bus` outlive this. They send scans, or tiles alone.
+  RobotFleet(int robots, bool sends_scans, const Workload& workload, LcmBus& bus);
 
   struct Totals {
     int64_t messages = 0;
@@ -39,10 +38,11 @@ class RobotFleet {
 
  private:
   struct Robot {
-    Robot(int number, const MapOptions& options, size_t first_scan);
+    Robot(int number, bool sends_scans, std::shared_ptr<ScanFolder> folder, size_t first_scan);
 
     MapWriter map;
     Layer& layer;
+    ScanMapper mapper;
     PyramidPublisher publisher;
     ByteBudget budget{PublisherOptions().bytes_per_s};
     size_t next_scan;
@@ -55,9 +55,6 @@ class RobotFleet {
 
   const Workload& workload_;
   LcmBus& bus_;
-  const MapOptions options_;
-  BeamModel model_;
-  ScanScratch scratch_;
   mutable Mutex mutex_;
   std::vector<std::unique_ptr<Robot>> robots_ ABSL_GUARDED_BY(mutex_);
   Totals totals_ ABSL_GUARDED_BY(mutex_);

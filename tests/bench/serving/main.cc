@@ -1,5 +1,4 @@
-// How soon a daemon answers, at what cost, and how soon and at what cost followers have what it
-// maps.
+// How soon a daemon answers, and how soon followers have what it maps.
 #include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
@@ -7,7 +6,6 @@
 #include <fstream>
 
 #include "lib/base/status.h"
-#include "tests/bench/serving/bandwidth.h"
 #include "tests/bench/serving/largest_requests.h"
 #include "tests/bench/serving/latency.h"
 
@@ -46,11 +44,6 @@ absl::Status Run(bool quick, const std::string& json_path) {
   Print(all.emplace_back(MeasureLargestRequests(quick ? 10 : 100)));
   SPLINEMAP_ASSIGN_OR_RETURN(all.emplace_back(), MeasureLatency(quick ? 20 : 400));
   Print(all.back());
-  for (const char* name : {"intel", "freiburg_079", "simulated_360_beams_3.5_m"}) {
-    if (const auto workload = MakeWorkload(name, quick ? 100 : 1'000'000)) {
-      Print(all.emplace_back(MeasureBandwidth(*workload)));
-    }
-  }
   if (json_path.empty()) return absl::OkStatus();
   std::ofstream json(json_path);
   for (const Figures& figures : all) json << Json(figures);
@@ -58,7 +51,7 @@ absl::Status Run(bool quick, const std::string& json_path) {
 }
 
 int Main(int argc, char** argv) {
-  CLI::App app("serving: latency and bytes of following a map; run it by deploy/own_bus.sh");
+  CLI::App app("serving: latency of asking and following a map; run it by deploy/own_bus.sh");
   bool quick = false;
   bool is_echo = false;
   std::string json_path;

@@ -24,6 +24,9 @@ struct Recording {
 constexpr Recording kRecordings[] = {
     {"intel", "carmen/intel-corrected.log.gz", 180, kDegree},
     {"freiburg_079", "carmen/freiburg-079-corrected.log.gz", 360, kDegree / 2},
+    {"csail", "carmen/csail-corrected.log.gz", 361, kDegree / 2},
+    {"aces", "carmen/aces-corrected.log.gz", 180, kDegree},
+    {"belgioioso", "carmen/belgioioso-corrected.log.gz", 361, kDegree / 2},
 };
 
 struct Lidar {

@@ -203,6 +203,8 @@ std::vector<Walk> Walks() {
   }
   walks.push_back({"layer_updates_t that nobody made",
                    [](Site& site) { return FalseUpdates(site.owner().truth(), 100); }});
+  walks.push_back({"layer_scans_t that nobody made",
+                   [](Site& site) { return FalseScan(site.owner().truth()); }});
   walks.push_back({"settings_t of another layer",
                    [](Site& site) { return SettingsMessage(site.owner().ref().id, 1); }});
   walks.push_back({"trajectory_t of another robot", [](Site&) { return TrajectoryMessage(); }});

@@ -12,6 +12,7 @@
 #include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lcmtypes/splinemap/layer_listing_t.hpp"
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
+#include "lcmtypes/splinemap/scan_pull_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lib/replication/map_follower.h"
 #include "lib/wire/decode.h"
@@ -52,8 +53,8 @@ KeeperOptions OptionsOf(const LayerId& own) {
 
 class World {
  public:
-  World()
-      : owner_("owner", kOptions, 1),
+  explicit World(bool maps_scans)
+      : owner_("owner", kOptions, 1, maps_scans),
         keeper_({}, OptionsOf(Kept().layers[0].id), Kept(), 77, now_),
         client_({}, 3) {
     keeper_.Set(gone().id, keeper_.settings().Next(gone().id, 5));
@@ -114,6 +115,16 @@ class World {
     pull.levels = {1, 0};
     pull.xs = {0, 0};
     pull.ys = {0, 0};
+    return Encode(pull);
+  }
+
+  Bytes ScanPull() const {
+    scan_pull_t pull{};
+    pull.speaker = kSomebody;
+    pull.layer = ToMessage(owner_.ref());
+    pull.num_ranges = 1;
+    pull.first = {static_cast<int64_t>(owner_.truth().revision)};
+    pull.last = pull.first;
     return Encode(pull);
   }
 
@@ -225,7 +236,8 @@ using MakeMessage = Bytes (*)(World&);
 
 struct Walk {
   const char* name;
-  MakeMessage make;  // a valid message of the moment
+  MakeMessage make;         // a valid message of the moment
+  bool maps_scans = false;  // the owner
 };
 
 void PrintTo(const Walk& walk, std::ostream* out) { *out << walk.name; }
@@ -237,7 +249,7 @@ TEST_P(ProtocolWalkTest, NoFieldHarmsWhatFollowersHaveAndSay) {
   const std::string path = directory.File("map");
   auto file = MapFile::Open(path);
   ASSERT_TRUE(file.ok()) << file.status();
-  World first;
+  World first(GetParam().maps_scans);
   ASSERT_EQ(first.WhatIsWrong(*file, path), "");
   const Bytes example = GetParam().make(first);
   ASSERT_FALSE(example.empty());
@@ -246,7 +258,7 @@ TEST_P(ProtocolWalkTest, NoFieldHarmsWhatFollowersHaveAndSay) {
   const std::vector<Variant> variants = VariantsOf(parsed);
   Tally(GetParam().name).Add(variants);
   const auto run = [&](absl::Span<const Variant> some) {
-    World world;
+    World world(GetParam().maps_scans);
     for (const Variant& variant : some) {
       const Bytes message = GetParam().make(world);
       world.Deliver(Apply(variant, Types().Parse(TypeNameOf(message), message)));
@@ -278,6 +290,11 @@ INSTANTIATE_TEST_SUITE_P(
              [](World& w) { return FalseUpdates(w.owner().truth(), 3000).bytes; }},
         Walk{"UpdatesOfASilentOwner",
              [](World&) { return FalseUpdates(World::gone(), 100).bytes; }},
+        Walk{"Scan", [](World& w) { return FalseScan(w.owner().truth()).bytes; }, true},
+        Walk{"ScanOfASilentOwner", [](World&) { return FalseScan(World::gone()).bytes; }},
+        Walk{"ScanPull", [](World& w) { return w.ScanPull(); }, true},
+        Walk{"DigestBesideScans",
+             [](World& w) { return w.Heard<layer_digest_t>(w.owner().ref().id); }, true},
         Walk{"Listing", [](World& w) { return w.Heard<layer_listing_t>(w.owner().ref().id); }},
         Walk{"Pull", [](World& w) { return w.RootPull(); }},
         Walk{"Settings", [](World& w) { return w.Settings(w.owner().ref().id); }},

@@ -1,4 +1,4 @@
-#include "tests/bench/serving/grid_messages.h"
+#include "tests/bench/bandwidth/grid_messages.h"
 
 #include <zstd.h>
 

@@ -1,0 +1,149 @@
+#include "lib/replication/scan_publisher.h"
+
+#include <algorithm>
+#include <chrono>
+#include <string_view>
+#include <utility>
+
+#include "lcmtypes/splinemap/layer_scans_t.hpp"
+#include "lcmtypes/splinemap/scan_record_t.hpp"
+
+namespace splinemap {
+namespace {
+
+constexpr std::chrono::milliseconds kMaxScanWait(1000);
+// LCM drops what comes while 30 messages wait for a subscriber, such as lcm-logger, and says
+// nothing.
+constexpr int kMaxAtOnce = 12;
+constexpr std::chrono::milliseconds kPause(2);
+constexpr std::chrono::milliseconds kBudgetPause(10);  // where the budget was spent
+constexpr size_t kMaxPulledScans = 10'000;
+
+}  // namespace
+
+// Fills messages up to kMaxMessageBytes; what is longer goes in parts.
+class ScanPublisher::Batch {
+ public:
+  Batch(const ScanPublisher& publisher, std::vector<ReplicationMessage>& messages)
+      : messages_(messages) {
+    message_.speaker = publisher.speaker_;
+    message_.layer = splinemap::ToMessage(publisher.ref_);
+    message_.oldest = static_cast<int64_t>(publisher.Oldest());
+    message_.num_scans = 0;
+    empty_bytes_ = static_cast<size_t>(message_.getEncodedSize());
+    bytes_ = empty_bytes_;
+  }
+  ~Batch() {
+    if (!message_.scans.empty()) Send();
+  }
+
+  // Returns what it adds to the bytes sent.
+  size_t Add(const SentScan& scan) {
+    scan_record_t record;
+    record.revision = static_cast<int64_t>(scan.revision);
+    record.utime = scan.utime.count();
+    record.robot_x = scan.layer_T_robot.x;
+    record.robot_y = scan.layer_T_robot.y;
+    record.robot_yaw = scan.layer_T_robot.yaw;
+    record.num_bytes = 0;
+    const auto header_bytes = static_cast<size_t>(record._getEncodedSizeNoHash());
+    const size_t room = kMaxMessageBytes - empty_bytes_ - header_bytes;
+    const size_t num_parts = std::max<size_t>((scan.beams.size() + room - 1) / room, 1);
+    record.num_parts = static_cast<int16_t>(num_parts);
+    for (size_t part = 0; part < num_parts; ++part) {
+      const std::string_view content = std::string_view(scan.beams).substr(part * room, room);
+      record.part = static_cast<int16_t>(part);
+      record.content.assign(content.begin(), content.end());
+      record.num_bytes = static_cast<int32_t>(content.size());
+      if (bytes_ + header_bytes + content.size() > kMaxMessageBytes) Send();
+      bytes_ += header_bytes + content.size();
+      message_.scans.push_back(record);
+    }
+    return num_parts * header_bytes + scan.beams.size();
+  }
+
+  // Without scans it tells which there are.
+  void Send() {
+    message_.num_scans = static_cast<int32_t>(message_.scans.size());
+    messages_.emplace_back(message_);
+    message_.scans.clear();
+    bytes_ = empty_bytes_;
+  }
+
+ private:
+  std::vector<ReplicationMessage>& messages_;
+  layer_scans_t message_;
+  size_t empty_bytes_;
+  size_t bytes_;
+};
+
+ScanPublisher::ScanPublisher(LayerRef ref, int64_t speaker, uint64_t revision, RecentScans& scans,
+                             bool pushes)
+    : ref_(std::move(ref)),
+      speaker_(speaker),
+      scans_(scans),
+      pushes_(pushes),
+      revision_(revision),
+      pushed_(revision) {}
+
+void ScanPublisher::SetRevision(uint64_t revision, Clock::time_point now) {
+  if (pushes_ && !HasChanges() && revision > revision_) waiting_since_ = now;
+  revision_ = revision;
+  if (!pushes_) pushed_ = revision;
+}
+
+uint64_t ScanPublisher::Oldest() const {
+  return scans_.IsEmpty() ? revision_ + 1 : scans_.oldest();
+}
+
+void ScanPublisher::HandlePull(const scan_pull_t& pull) {
+  for (int k = 0; k < pull.num_ranges; ++k) {
+    const auto first = static_cast<uint64_t>(pull.first[k]);
+    const auto last = std::min(static_cast<uint64_t>(pull.last[k]), pushed_);
+    if (first > last) continue;
+    lacks_pulled_ |= first < Oldest();
+    for (uint64_t revision = std::max(first, Oldest()); revision <= last; ++revision) {
+      if (pulled_.size() >= kMaxPulledScans) return;
+      pulled_.Push(revision);
+    }
+  }
+}
+
+void ScanPublisher::Tick(Clock::time_point now, ByteBudget& budget,
+                         std::vector<ReplicationMessage>& messages) {
+  Batch batch(*this, messages);
+  Answer(batch, budget);
+  Push(batch, budget);
+  if (!HasChanges()) {
+    waiting_since_.reset();
+  } else if (now - *waiting_since_ > kMaxScanWait) {
+    scans_.Clear();
+    pushed_ = revision_;
+    waiting_since_.reset();
+  }
+  next_tick_ = !HasChanges() && !HasPulls()             ? Clock::time_point()
+               : budget.MayPush() && budget.MayAnswer() ? now + kPause
+                                                        : now + kBudgetPause;
+}
+
+void ScanPublisher::Answer(Batch& batch, ByteBudget& budget) {
+  if (std::exchange(lacks_pulled_, false)) batch.Send();
+  for (int n = 0; n < kMaxAtOnce && !pulled_.empty() && budget.MayAnswer(); ++n) {
+    const SentScan* scan = scans_.Find(pulled_.Pop());
+    if (scan != nullptr) budget.SpendOnAnswers(batch.Add(*scan));
+  }
+}
+
+void ScanPublisher::Push(Batch& batch, ByteBudget& budget) {
+  for (int n = 0; n < kMaxAtOnce && HasChanges() && budget.MayPush(); ++n) {
+    const SentScan* scan = scans_.Find(++pushed_);
+    if (scan != nullptr) budget.SpendOnPushes(batch.Add(*scan));
+  }
+}
+
+Clock::time_point ScanPublisher::NextTick() const {
+  if (!HasChanges() && !HasPulls()) return Clock::time_point::max();
+  return next_tick_;
+}
+
+}  // namespace splinemap

@@ -1,0 +1,285 @@
+// Copies of a layer that go on by folding the scans that its owner sends.
+#include <gtest/gtest.h>
+
+#include "tests/support/replication_world.h"
+
+namespace splinemap::replication_test {
+
+void Drive(World& world, int scans, int half_width = 5) {
+  for (int n = 0; n < scans; ++n) {
+    world.Commit(half_width);
+    world.Run(milliseconds(100));
+  }
+}
+
+TEST(ScanReplicationTest, WithoutLossScansAreEnough) {
+  World world({}, {}, 1, Commits::kScans);
+  for (int n = 0; n < 3; ++n) world.AddFollower();
+  world.Run(milliseconds(1500));
+  const int64_t bytes = world.bytes_of_owner();
+  Drive(world, 200);
+  world.Run(milliseconds(1500));
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.tiles_sent(), 0);
+  EXPECT_EQ(world.scans_sent(), 200);
+  EXPECT_LE(world.bytes_of_owner() - bytes, 200 * 450);
+  for (size_t n = 0; n < world.num_followers(); ++n) {
+    const FollowCounts& counts = world.follower(n).counts();
+    EXPECT_EQ(counts.folded, 200);
+    EXPECT_EQ(counts.asked_scans + counts.asked_nodes + counts.unusable + counts.misfolded, 0);
+  }
+}
+
+TEST(ScanReplicationTest, AScanIsThereInTheNextStep) {
+  World world({}, {}, 2, Commits::kScans);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  for (int n = 0; n < 50; ++n) {
+    world.Commit(3);
+    world.Step();  // it is sent
+    world.Step();  // it arrives
+    ASSERT_TRUE(world.IsEqual(0)) << n;
+  }
+}
+
+TEST(ScanReplicationTest, ALateFollowerGetsTilesAndThenScans) {
+  World world({}, {}, 3, Commits::kScans);
+  Drive(world, 100);
+  world.AddFollower();
+  Drive(world, 100);
+  world.Run(milliseconds(1500));
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_GT(world.tiles_sent(), 0);
+  EXPECT_GE(world.follower(0).counts().folded, 80);
+  const int64_t tiles = world.tiles_sent();
+  Drive(world, 50);
+  EXPECT_EQ(world.tiles_sent(), tiles);
+}
+
+TEST(ScanReplicationTest, AGapIsFilledByNumberOnceForAll) {
+  World world({}, {}, 4, Commits::kScans);
+  for (int n = 0; n < 16; ++n) world.AddFollower();
+  world.Run(milliseconds(1500));
+  Drive(world, 20);
+  ASSERT_EQ(world.scans_sent(), 20);
+  world.network().SetCut(true);
+  Drive(world, 5);
+  world.network().SetCut(false);
+  Drive(world, 20);
+  world.Run(milliseconds(1500));
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.tiles_sent(), 0);
+  EXPECT_LE(world.scans_sent(), 45 + 10);
+}
+
+TEST(ScanReplicationTest, WhatIsOlderThanTheScansOfTheOwnerComesAsTiles) {
+  World world({}, {}, 5, Commits::kScans);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  Drive(world, 10);
+  world.network().SetCut(true);
+  for (int n = 0; n < 6000; ++n) world.Commit(5);
+  world.Run(milliseconds(5000));
+  world.network().SetCut(false);
+  const int64_t scans = world.scans_sent();
+  Drive(world, 40);
+  world.Run(milliseconds(1500));
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_GT(world.tiles_sent(), 0);
+  EXPECT_LE(world.scans_sent(), scans + 60);
+}
+
+TEST(ScanReplicationTest, ScansThatTheBudgetHasNoRoomForComeAsTiles) {
+  PublisherOptions options;
+  options.bytes_per_s = 3000;
+  World world({}, options, 6, Commits::kScans);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  for (int n = 0; n < 100; ++n) {
+    for (int k = 0; k < 10; ++k) world.Commit(0);
+    world.Run(milliseconds(100));
+  }
+  EXPECT_LT(world.scans_sent(), 500);
+  world.Run(milliseconds(20'000));
+  EXPECT_TRUE(world.AllCaughtUp());
+}
+
+// A scan in the owner's name that it never mapped.
+layer_scans_t ForgedScan(World& world, uint64_t revision, Random& random) {
+  const PosedScan scan = RandomScan(random, 5);
+  layer_scans_t message{};
+  message.speaker = world.last_digest().speaker;
+  message.layer = world.last_digest().layer;
+  message.oldest = 1;
+  message.num_scans = 1;
+  scan_record_t& record = message.scans.emplace_back();
+  record.revision = static_cast<int64_t>(revision);
+  record.utime = scan.utime.count();
+  record.robot_x = scan.world_T_robot.x;
+  record.robot_y = scan.world_T_robot.y;
+  record.robot_yaw = scan.world_T_robot.yaw;
+  record.num_parts = 1;
+  const std::string beams = PackBeams(scan, {});
+  record.content.assign(beams.begin(), beams.end());
+  record.num_bytes = static_cast<int32_t>(beams.size());
+  return message;
+}
+
+TEST(ScanReplicationTest, AForgedScanIsFoundByTheNextDigest) {
+  World world({}, {}, 7, Commits::kScans);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  Drive(world, 20);
+  const uint64_t next = world.OwnersLayer().revision + 1;
+  world.follower(0).HandleScans(ForgedScan(world, next, world.random()), world.network().now());
+  EXPECT_FALSE(world.IsEqual(0));
+  Drive(world, 20);
+  world.Run(milliseconds(3000));
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.follower(0).counts().misfolded, 1);
+  const int64_t tiles = world.tiles_sent();
+  Drive(world, 20);
+  world.Run(milliseconds(1500));
+  EXPECT_EQ(world.tiles_sent(), tiles);  // it folds again
+  EXPECT_TRUE(world.AllCaughtUp());
+}
+
+TEST(ScanReplicationTest, AForgedScanFarAheadIsForgottenWithTheNextDigest) {
+  World world({}, {}, 8, Commits::kScans);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  Drive(world, 20);
+  const uint64_t far = world.OwnersLayer().revision + 1000;
+  world.follower(0).HandleScans(ForgedScan(world, far, world.random()), world.network().now());
+  Drive(world, 30);
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.tiles_sent(), 0);
+  EXPECT_LE(world.follower(0).counts().asked_scans, 8);
+}
+
+TEST(ScanReplicationTest, ARunOfForgedScansIsFoundThoughTheOwnerIsNotThatFar) {
+  for (const bool is_part : {false, true}) {
+    World world({}, {}, 14, Commits::kScans);
+    world.AddFollower(
+        {LevelOfDetail(), is_part ? std::optional(TileBox{-4, -4, 4, 4}) : std::nullopt});
+    world.Run(milliseconds(1500));
+    Drive(world, 20);
+    const uint64_t revision = world.OwnersLayer().revision;
+    for (uint64_t n = 1; n <= 500; ++n) {
+      world.follower(0).HandleScans(ForgedScan(world, revision + n, world.random()),
+                                    world.network().now());
+    }
+    Drive(world, 100);
+    world.Run(milliseconds(3000));
+    EXPECT_TRUE(world.AllCaughtUp());
+  }
+}
+
+TEST(ScanReplicationTest, RecordsThatAreDamagedAreAskedForAgain) {
+  World world({}, {}, 9, Commits::kScans);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  Drive(world, 10);
+  layer_scans_t message = ForgedScan(world, world.OwnersLayer().revision + 1, world.random());
+  message.scans[0].content.resize(message.scans[0].content.size() / 2);
+  message.scans[0].num_bytes = static_cast<int32_t>(message.scans[0].content.size());
+  world.follower(0).HandleScans(message, world.network().now());
+  EXPECT_EQ(world.follower(0).counts().unusable, 1);
+  Drive(world, 20);
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.tiles_sent(), 0);
+}
+
+// Another kind of processor rounds otherwise: what comes of it is never the owner's.
+TEST(ScanReplicationTest, WhoseFoldsAreNotTheOwnersTakesTiles) {
+  World world({}, {}, 10, Commits::kScans);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  for (int n = 0; n < 100; ++n) {
+    if (n % 5 == 0) {
+      world.follower(0).HandleScans(
+          ForgedScan(world, world.OwnersLayer().revision + 1, world.random()),
+          world.network().now());
+    }
+    world.Commit(3);
+    world.Run(milliseconds(100));
+  }
+  EXPECT_EQ(world.follower(0).counts().misfolded, 3);
+  world.Run(milliseconds(1500));
+  EXPECT_TRUE(world.AllCaughtUp());
+  // Pushed, since it asked for that.
+  const int64_t tiles = world.tiles_sent();
+  const int64_t asked = world.follower(0).counts().asked_tiles;
+  Drive(world, 50);
+  world.Run(milliseconds(1500));
+  EXPECT_GT(world.tiles_sent(), tiles);
+  EXPECT_EQ(world.follower(0).counts().asked_tiles, asked);
+  EXPECT_TRUE(world.AllCaughtUp());
+  // Some time later it tries again.
+  world.Run(milliseconds(60'000));
+  const int64_t folded = world.follower(0).counts().folded;
+  Drive(world, 20);
+  EXPECT_GT(world.follower(0).counts().folded, folded);
+}
+
+TEST(ScanReplicationTest, TilesArePushedWhileAFollowerAsksForThem) {
+  World world({}, {}, 11, Commits::kScans);
+  world.AddFollower({}, Commits::kScans);
+  world.Run(milliseconds(1500));
+  world.AddFollower({}, Commits::kTiles);
+  Drive(world, 100);
+  world.Run(milliseconds(1500));
+  EXPECT_TRUE(world.AllCaughtUp());
+  const int64_t asked = world.follower(1).counts().asked_tiles;
+  Drive(world, 100);
+  world.Run(milliseconds(1500));
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.follower(1).counts().asked_tiles, asked);
+  EXPECT_EQ(world.follower(1).counts().folded, 0);
+  EXPECT_EQ(world.follower(0).counts().applied, 0);
+  world.RemoveFollowers();
+  world.Run(milliseconds(31'000));
+  const int64_t tiles = world.tiles_sent();
+  Drive(world, 20);
+  EXPECT_EQ(world.tiles_sent(), tiles);
+}
+
+TEST(ScanReplicationTest, APartFoldsWhatTouchesIt) {
+  World world({}, {}, 12, Commits::kScans);
+  TileBox box;
+  box.Add({-3, -3});
+  box.Add({2, 2});
+  world.AddFollower({LevelOfDetail(), box});
+  world.Run(milliseconds(1500));
+  Drive(world, 200, 20);
+  world.Run(milliseconds(3000));
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.tiles_sent(), 0);
+  EXPECT_EQ(world.follower(0).counts().folded, 200);
+  EXPECT_EQ(world.follower(0).counts().misfolded, 0);
+}
+
+TEST(ScanReplicationTest, ALongScanGoesInParts) {
+  World world({.loss = 0.1}, {}, 13, Commits::kScans);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  for (int n = 0; n < 20; ++n) {
+    PosedScan scan = RandomScan(world.random(), 5);
+    const std::vector<Beam> few = scan.beams;
+    for (int k = 0; k < 2000; ++k) {
+      Beam beam = few[k % few.size()];
+      beam.reading = static_cast<uint16_t>(24 + k);
+      beam.bearing_rad = static_cast<float>(0.003 * k);
+      beam.range_m += static_cast<float>(1e-4 * double(world.random()() % 1000));
+      scan.beams.push_back(beam);
+    }
+    scan.robot_T_sensor.resize(1);
+    world.Map(scan);
+    world.Run(milliseconds(100));
+  }
+  world.Run(milliseconds(3000));
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.tiles_sent(), 0);
+}
+
+}  // namespace splinemap::replication_test
