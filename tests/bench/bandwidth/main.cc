@@ -83,7 +83,7 @@ class Octomap {
   std::string Serialised() {
     tree_.updateInnerOccupancy();
     std::ostringstream stream;
-    tree_.writeBinary(stream);
+    tree_.writeBinaryData(stream);
     return std::move(stream).str();
   }
 
@@ -189,8 +189,9 @@ int Main(int argc, char** argv) {
   app.add_option("--json", json_path, "Also write a JSON object a line to this file");
   CLI11_PARSE(app, argc, argv);
   std::ofstream json(json_path);
-  for (const char* name : {"intel", "freiburg_079", "csail", "aces", "belgioioso",
-                           "simulated_360_beams_3.5_m", "simulated_1440_beams_25_m"}) {
+  for (const char* name :
+       {"intel", "freiburg_079", "csail", "aces", "belgioioso", "simulated_360_beams_3.5_m",
+        "simulated_1440_beams_25_m", "simulated_1440_beams_25_m_in_mm"}) {
     const auto workload = MakeWorkload(name, quick ? 20 : 1'000'000);
     if (!workload) continue;
     const std::vector<Competitor> competitors = Measure(*workload);

@@ -33,12 +33,14 @@ struct Lidar {
   const char* name;
   ScannerOptions options;
   double scans_per_s;
+  bool in_millimetres = false;  // as most scanners say, else noise to the last bit
 };
 
 // The paper's, and a large one.
 constexpr Lidar kLidars[] = {
     {"simulated_360_beams_3.5_m", {.num_beams = 360, .range_max_m = 3.5}, 5},
     {"simulated_1440_beams_25_m", {.num_beams = 1440, .range_max_m = 25}, 10},
+    {"simulated_1440_beams_25_m_in_mm", {.num_beams = 1440, .range_max_m = 25}, 10, true},
 };
 
 std::optional<Workload> Load(const Recording& recording, int max_scans) {
@@ -81,7 +83,10 @@ Workload Simulate(const Lidar& lidar, int max_scans) {
   for (int n = 0; n < scans; ++n) {
     const double time_s = n / lidar.scans_per_s;
     const Pose2 pose = drive.PoseAt(time_s);
-    const RangeReadings readings = Measure(world, time_s, pose, lidar.options, random);
+    RangeReadings readings = Measure(world, time_s, pose, lidar.options, random);
+    for (float& range_m : readings.ranges_m) {
+      if (lidar.in_millimetres) range_m = static_cast<float>(std::round(1e3 * range_m) * 1e-3);
+    }
     workload.scans.push_back({*PrepareScan(readings, {}, 0), pose});
   }
   return workload;
