@@ -36,6 +36,8 @@ class MapReplica::Impl {
 
  private:
   static constexpr milliseconds kTick{10};
+  // What one commit changed may come in several messages, whose first is not kept waiting.
+  static constexpr milliseconds kPublishInterval{5};
 
   void Run(const std::stop_token& stop);
   void Publish(std::shared_ptr<const MapView> view);
@@ -46,26 +48,27 @@ class MapReplica::Impl {
   Mutex mutex_;
   MapFollower follower_ ABSL_GUARDED_BY(mutex_);
   ByteBudget budget_ ABSL_GUARDED_BY(mutex_){PublisherOptions().bytes_per_s};
+  uint64_t version_ ABSL_GUARDED_BY(mutex_) = 0;  // of the follower, that was published last
   LocalMap map_{std::make_shared<const MapView>()};
   std::jthread following_;
 };
 
 void MapReplica::Impl::Run(const std::stop_token& stop) {
   const std::stop_callback wake(stop, [this] { bus_->Wake(); });
-  bool is_changed = false;
+  bool is_told = false;     // something was received
+  bool is_changed = false;  // the map, since it was published last
   for (const std::string& channel : ReplicationChannels(channel_prefix_)) {
     bus_->Subscribe(channel, [&](const std::string&, absl::Span<const uint8_t> message) {
       MutexLock lock(mutex_);
       follower_.HandleBytes(message, Clock::now());
-      is_changed = true;
+      is_told = true;
     });
   }
   Clock::time_point next_tick;
   Clock::time_point next_publish;
   while (!stop.stop_requested()) {
-    Clock::time_point next = is_changed ? std::min(next_tick, next_publish) : next_tick;
+    const Clock::time_point next = is_changed ? std::min(next_tick, next_publish) : next_tick;
     bus_->Handle(std::max(std::chrono::ceil<milliseconds>(next - Clock::now()), milliseconds(0)));
-    // What one commit changed comes in several messages, which are published together.
     const Clock::time_point drain_end = Clock::now() + kTick;
     while (Clock::now() < drain_end && bus_->Handle(milliseconds(0)) == LcmBus::Handled::kMessage) {
     }
@@ -74,16 +77,18 @@ void MapReplica::Impl::Run(const std::stop_token& stop) {
     std::shared_ptr<const MapView> view;
     {
       MutexLock lock(mutex_);
-      if (now >= next_tick || is_changed) {
+      if (std::exchange(is_told, false) || now >= next_tick) {
         budget_.Refill(now, /*has_changes=*/false, follower_.HasPulls());
         messages = follower_.Tick(now, budget_);
         next_tick = std::max(follower_.NextTick(now), now + milliseconds(1));
       }
+      is_changed = follower_.version() != version_;
       // The first change after a pause at once, and many in a row together.
       if (is_changed && now >= next_publish) {
-        next_publish = now + kTick;
+        next_publish = now + kPublishInterval;
         is_changed = false;
         view = follower_.View();
+        version_ = follower_.version();
       }
     }
     for (const ReplicationMessage& message : messages) {

@@ -75,11 +75,10 @@ void ReplicationThread::Run(const std::stop_token& stop) {
       if (Clock::now() >= end) break;
     }
     const Clock::time_point now = Clock::now();
-    const std::vector<ReplicationMessage> messages = exchange_.Tick(now);
+    Publish(exchange_.Tick(now));
     UseNewest();
     CheckSession(now);
     UpdateReport(now);
-    Publish(messages);
   }
   SayLast();
 }

@@ -38,10 +38,13 @@ std::string Json(const Figures& figures) {
   return rows;
 }
 
-absl::Status Run(bool quick, const std::string& json_path) {
-  SPLINEMAP_ASSIGN_OR_RETURN(std::vector<Figures> all, MeasureAsking(quick ? 20 : 500));
-  for (const Figures& figures : all) Print(figures);
-  Print(all.emplace_back(MeasureLargestRequests(quick ? 10 : 100)));
+absl::Status Run(bool quick, bool is_following, const std::string& json_path) {
+  std::vector<Figures> all;
+  if (!is_following) {
+    SPLINEMAP_ASSIGN_OR_RETURN(all, MeasureAsking(quick ? 20 : 500));
+    for (const Figures& figures : all) Print(figures);
+    Print(all.emplace_back(MeasureLargestRequests(quick ? 10 : 100)));
+  }
   SPLINEMAP_ASSIGN_OR_RETURN(all.emplace_back(), MeasureLatency(quick ? 20 : 400));
   Print(all.back());
   if (json_path.empty()) return absl::OkStatus();
@@ -54,12 +57,14 @@ int Main(int argc, char** argv) {
   CLI::App app("serving: latency of asking and following a map; run it by deploy/own_bus.sh");
   bool quick = false;
   bool is_echo = false;
+  bool is_following = false;
   std::string json_path;
   app.add_flag("--quick", quick, "A little of everything; the figures say nothing");
+  app.add_flag("--following", is_following, "Only what is received by followers, not requests");
   app.add_flag("--echo", is_echo, "Only send back what comes, for another process");
   app.add_option("--json", json_path, "Also write a JSON object a line to this file");
   CLI11_PARSE(app, argc, argv);
-  if (absl::Status status = is_echo ? Echo() : Run(quick, json_path); !status.ok()) {
+  if (absl::Status status = is_echo ? Echo() : Run(quick, is_following, json_path); !status.ok()) {
     fmt::print(stderr, "serving: {}\n", ErrorText(status));
     return 1;
   }
