@@ -6,7 +6,8 @@
 #include "lib/spline/basis.h"
 
 namespace splinemap {
-BeamModel::BeamModel(const BeamModelOptions& options, double knot_interval_m)
+BeamModel::BeamModel(const BeamModelOptions& options, double knot_interval_m,
+                     const ScanKernel& kernel)
     : update_(options.update),
       knots_per_m_(1 / knot_interval_m),
       free_sample_spacing_knots_(options.free_sample_spacing_knots),
@@ -18,7 +19,7 @@ BeamModel::BeamModel(const BeamModelOptions& options, double knot_interval_m)
           Footprint::kNormalizedBasis),
       free_lines_(SignedDistance::kWeightPerKnot, Footprint::kBasis),
       face_lines_(SignedDistance::kWeightPerKnot),
-      faces_(knots_per_m_) {}
+      faces_(knots_per_m_, kernel) {}
 
 BeamModel::WeightTable BeamModel::MakeTable(double scale) {
   WeightTable table;

@@ -16,7 +16,8 @@ namespace splinemap {
 // Turns placed beams into sums over control points. Thread-compatible.
 class BeamModel {
  public:
-  BeamModel(const BeamModelOptions& options, double knot_interval_m);
+  BeamModel(const BeamModelOptions& options, double knot_interval_m,
+            const ScanKernel& kernel = FastestScanKernel());
 
   // Adds the measurements of all beams to `scratch`. Signed distances: up to near the hit control
   // points are free; around it a control point's signed distance is that to the face, which is a

@@ -44,7 +44,7 @@ void ScanFolder::Fold(const PlacedScan& scan, const BeamModelOptions& model, uin
 void ScanFolder::Accumulate(const PlacedScan& scan, const BeamModelOptions& model) {
   if (!model_ || model_options_ != model) {
     model_options_ = model;
-    model_.emplace(model, options_.knot_interval_m);
+    model_.emplace(model, options_.knot_interval_m, kernel_);
   }
   model_->Accumulate(scan.beams, scratch_);
 }

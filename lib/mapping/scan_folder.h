@@ -14,7 +14,8 @@ namespace splinemap {
 // depends on the scans, their order and the options alone. Thread-compatible.
 class ScanFolder {
  public:
-  explicit ScanFolder(const MapOptions& options) : options_(options) {}
+  explicit ScanFolder(const MapOptions& options, const ScanKernel& kernel = FastestScanKernel())
+      : options_(options), kernel_(kernel), scratch_(kernel) {}
 
   // InvalidArgument where a beam is longer than kMaxReachKnots, or the scan lies beyond
   // kMaxKnotIndex.
@@ -36,6 +37,7 @@ class ScanFolder {
   void Accumulate(const PlacedScan& scan, const BeamModelOptions& model);
 
   MapOptions options_;
+  const ScanKernel& kernel_;
   BeamModelOptions model_options_;
   std::optional<BeamModel> model_;  // of model_options_
   ScanScratch scratch_;

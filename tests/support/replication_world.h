@@ -68,21 +68,22 @@ class World {
   size_t num_followers() const { return followers_.size(); }
   LayerFollower& follower(size_t n) { return *followers_[n]; }
 
-  void AddFollower(LayerFollower::Subset subset = {}, Commits takes = Commits::kScans) {
+  // It folds scans with `folder`, or takes tiles where that is null.
+  void AddFollower(LayerFollower::Subset subset = {},
+                   std::shared_ptr<ScanFolder> folder = Folder()) {
     subsets_.push_back(subset);
-    takes_.push_back(takes);
+    folders_.push_back(std::move(folder));
     followers_.push_back(nullptr);
     RestartFollower(followers_.size() - 1);
   }
   void RemoveFollowers() {
     subsets_.clear();
-    takes_.clear();
+    folders_.clear();
     followers_.clear();
   }
   // Messages that are on their way to the one before are lost.
   void RestartFollower(size_t n) {
-    followers_[n] = std::make_shared<LayerFollower>(kId, random_(), subsets_[n],
-                                                    TakesScans(n) ? Folder() : nullptr);
+    followers_[n] = std::make_shared<LayerFollower>(kId, random_(), subsets_[n], folders_[n]);
   }
 
   // Goes on from an older state, and knows no later session than that; or from an empty one.
@@ -297,8 +298,6 @@ class World {
   void Tell(auto& owner_or_follower, const scan_pull_t& pull) {
     owner_or_follower.HandleScanPull(pull, network_.now());
   }
-  bool TakesScans(size_t n) const { return takes_[n] == Commits::kScans; }
-
   Network network_;
   PublisherOptions options_;
   Commits commits_;
@@ -312,7 +311,7 @@ class World {
   SessionGuard guard_;
   bool is_silent_ = false;
   std::vector<LayerFollower::Subset> subsets_;
-  std::vector<Commits> takes_;  // of the followers
+  std::vector<std::shared_ptr<ScanFolder>> folders_;  // of the followers
   std::vector<std::shared_ptr<LayerFollower>> followers_;
   bool digest_was_sent_ = false;
   layer_digest_t last_digest_;

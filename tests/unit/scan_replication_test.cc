@@ -224,9 +224,9 @@ TEST(ScanReplicationTest, WhoseFoldsAreNotTheOwnersTakesTiles) {
 
 TEST(ScanReplicationTest, TilesArePushedWhileAFollowerAsksForThem) {
   World world({}, {}, 11, Commits::kScans);
-  world.AddFollower({}, Commits::kScans);
+  world.AddFollower();
   world.Run(milliseconds(1500));
-  world.AddFollower({}, Commits::kTiles);
+  world.AddFollower({}, nullptr);
   Drive(world, 100);
   world.Run(milliseconds(1500));
   EXPECT_TRUE(world.AllCaughtUp());
@@ -257,6 +257,22 @@ TEST(ScanReplicationTest, APartFoldsWhatTouchesIt) {
   EXPECT_EQ(world.tiles_sent(), 0);
   EXPECT_EQ(world.follower(0).counts().folded, 200);
   EXPECT_EQ(world.follower(0).counts().misfolded, 0);
+}
+
+TEST(ScanReplicationTest, FollowersOnAllKindsOfProcessorsHaveTheSameBytes) {
+  World world({.loss = 0.1}, {}, 15, Commits::kScans);
+  for (const ScanKernel& kernel : ScanKernels()) {
+    world.AddFollower({}, std::make_shared<ScanFolder>(kMapOptions, kernel));
+  }
+  world.Run(milliseconds(1500));
+  Drive(world, 500, 20);
+  world.Run(milliseconds(3000));
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.tiles_sent(), 0);
+  for (size_t n = 0; n < world.num_followers(); ++n) {
+    EXPECT_EQ(world.follower(n).counts().folded, 500);
+    EXPECT_EQ(world.follower(n).counts().misfolded, 0);
+  }
 }
 
 TEST(ScanReplicationTest, ALongScanGoesInParts) {
