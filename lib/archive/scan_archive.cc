@@ -25,10 +25,7 @@ PosedScan Unpack(const PackedScan& packed) {
 }  // namespace
 
 void ScanArchive::Add(const std::shared_ptr<const PosedScan>& scan, const BeamModelOptions& model) {
-  Add(PackedScan{{scan->utime, scan->world_T_robot},
-                 scan->beams.size(),
-                 std::make_shared<const std::string>(PackBeams(*scan, model))},
-      model);
+  Add(Pack(*scan, model), model);
 }
 
 void ScanArchive::Add(PackedScan scan, const BeamModelOptions& model) {

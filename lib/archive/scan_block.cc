@@ -79,6 +79,12 @@ std::optional<UnpackedBlock> Unpack(const std::string& beams, const std::vector<
 
 }  // namespace
 
+PackedScan Pack(const PosedScan& scan, const BeamModelOptions& model) {
+  return {{scan.utime, scan.world_T_robot},
+          scan.beams.size(),
+          std::make_shared<const std::string>(PackBeams(scan, model))};
+}
+
 std::shared_ptr<const ScanBlock> MakeBlock(const BeamModelOptions& model,
                                            absl::Span<const PackedScan> scans) {
   auto block = std::make_shared<ScanBlock>();
@@ -112,11 +118,7 @@ std::vector<ScanPose> UnpackPoses(const ScanBlock& block) { return *PosesOf(bloc
 
 std::vector<PackedScan> ScansOf(const ScanBlock& block) {
   std::vector<PackedScan> packed;
-  for (const auto& scan : UnpackScans(block)) {
-    packed.push_back({{scan->utime, scan->world_T_robot},
-                      scan->beams.size(),
-                      std::make_shared<const std::string>(PackBeams(*scan, block.model))});
-  }
+  for (const auto& scan : UnpackScans(block)) packed.push_back(Pack(*scan, block.model));
   return packed;
 }
 

@@ -212,22 +212,22 @@ void Mapper::MapScan(PosedScan scan) {
     Drop(DropReason::kPoseOutOfRange, name, ErrorText(can_be));
     return;
   }
+  if (max_archive_bytes_ > 0) Keep(Pack(scan, beam_model_));
   CheckAgainstMap(channel, placed_);
   folder_.Fold(placed_, beam_model_, layer_);
   ++counts_.scans_mapped;
   counts_.beams_mapped += static_cast<int64_t>(scan.beams.size());
   newest_scan_utime_ = scan.utime;
   channel.last_map_T_robot = placed_.map_T_robot;
-  Keep(std::move(scan));
+  if (max_archive_bytes_ > 0) return;
+  ++archive_.base.scans;
+  archive_.base.newest = std::max(archive_.base.newest, scan.utime);
 }
 
-void Mapper::Keep(PosedScan scan) {
-  if (max_archive_bytes_ == 0) {
-    ++archive_.base.scans;
-    archive_.base.newest = std::max(archive_.base.newest, scan.utime);
-    return;
-  }
-  archive_.Add(std::make_shared<PosedScan>(std::move(scan)), beam_model_);
+// Whoever follows is told first, and maps it at the same time.
+void Mapper::Keep(PackedScan scan) {
+  if (on_scan_) on_scan_(layer_.revision() + 1, scan);
+  archive_.Add(std::move(scan), beam_model_);
   Shorten(archive_, max_archive_bytes_, map_options_);
 }
 

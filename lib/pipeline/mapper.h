@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -44,6 +45,11 @@ class Mapper {
   // `archive`.
   Mapper(const config::Config& config, MapOptions map_options, Layer& layer,
          ScanArchive archive = {});
+
+  // Is told of each scan that is kept, and the revision that the layer will have with it, before it
+  // is mapped.
+  using OnScan = std::function<void(uint64_t revision, const PackedScan& scan)>;
+  void SetOnScan(OnScan on_scan) { on_scan_ = std::move(on_scan); }
 
   // The scans that the layer is made of.
   const ScanArchive& archive() const { return archive_; }
@@ -94,7 +100,7 @@ class Mapper {
   bool ChooseOptions(ScanChannel& channel, MessageType type, const RangeReadings& readings);
   void MapReadyScans();
   void MapScan(PosedScan scan);
-  void Keep(PosedScan scan);
+  void Keep(PackedScan scan);
   void KeepNoScans();
   bool HasMoved(const ScanChannel& channel, const Pose2& map_T_robot) const;
   void Drop(DropReason reason, const std::string& channel, const std::string& explanation);
@@ -120,6 +126,7 @@ class Mapper {
   int scans_since_earlier_ = 0;
   size_t max_tiles_;
   const size_t max_archive_bytes_;
+  OnScan on_scan_;
   ScanArchive archive_;
   BeamModelOptions beam_model_;
   ScanFolder folder_;

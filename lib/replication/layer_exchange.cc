@@ -28,6 +28,10 @@ LayerExchange::LayerExchange(FollowOptions follow, const PublisherOptions& publi
                 kept, speaker_, now),
       budget_(publisher.bytes_per_s) {}
 
+void LayerExchange::AddOwnScan(const SessionId& session, SentScan scan, Clock::time_point now) {
+  if (session == own_.session) publisher_->AddScan(std::move(scan), now);
+}
+
 void LayerExchange::SetOwn(const LayerSnapshot& own, Clock::time_point now) {
   const bool is_new_session = own.id != own_.id || own.session != own_.session;
   own_ = own;

@@ -24,6 +24,9 @@ class LayerExchange {
   LayerExchange(FollowOptions follow, const PublisherOptions& publisher, const LayerSnapshot& own,
                 const LayerSet& kept, Clock::time_point now);
 
+  // A scan that the own layer will have in a moment; ignored where it is of another session than
+  // the present one.
+  void AddOwnScan(const SessionId& session, SentScan scan, Clock::time_point now);
   // The newest state of the own layer, whatever its session.
   void SetOwn(const LayerSnapshot& own, Clock::time_point now);
 

@@ -134,11 +134,11 @@ void LayerPublisher::HandlePull(const layer_pull_t& pull, Clock::time_point now)
 }
 
 void LayerPublisher::Tick(Clock::time_point now, ByteBudget& budget,
-                          std::vector<ReplicationMessage>& messages) {
+                          std::vector<ReplicationMessage>& messages, bool may_digest) {
   Answer(budget, messages);
   // Before the pushes, since followers know a session by its digest first. But what counts as
   // published when a digest says so has to be pushed before it.
-  if (!last_digest_ || now >= *last_digest_ + options_.digest_interval) {
+  if (may_digest && (!last_digest_ || now >= *last_digest_ + options_.digest_interval)) {
     if (last_digest_ && SendsScans()) Push(budget, messages);
     Digest(messages, now);
   }

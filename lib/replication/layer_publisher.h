@@ -63,7 +63,8 @@ class LayerPublisher {
   bool HasPulls() const { return !pulled_tiles_.empty() || !pulled_nodes_.empty(); }
 
   // Adds what is to be sent now, as far as the budget goes.
-  void Tick(Clock::time_point now, ByteBudget& budget, std::vector<ReplicationMessage>& messages);
+  void Tick(Clock::time_point now, ByteBudget& budget, std::vector<ReplicationMessage>& messages,
+            bool may_digest = true);
   // When the next push or digest is due.
   Clock::time_point NextTick() const;
   // The same, whatever the intervals: what waits, and a digest. For an owner that leaves: called

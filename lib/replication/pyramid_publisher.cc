@@ -15,6 +15,7 @@ constexpr std::chrono::seconds kLevelLease(30);
 // Tiles of coarser levels that are made in one tick, some milliseconds of work.
 constexpr size_t kTilesPerTick = 200;
 
+constexpr std::chrono::milliseconds kLayerPause(1);
 // Scans that came at once, beyond which the oldest are not packed.
 constexpr uint64_t kMaxNewScans = 4096;
 
@@ -35,19 +36,29 @@ PyramidPublisher::PyramidPublisher(const LayerSnapshot& layer, const MapOptions&
              scans == nullptr ? own_scans_ : *scans, options_.sends_scans),
       as_mapped_(ref_, layer, map_options, options_) {}
 
+void PyramidPublisher::AddScan(SentScan scan, Clock::time_point now) {
+  if (!options_.sends_scans || scan.revision <= scans_.revision()) return;
+  const uint64_t revision = scan.revision;
+  own_scans_.Add(std::move(scan));
+  scans_.SetRevision(revision, now);
+}
+
 void PyramidPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point now) {
   if (options_.sends_scans) FindNewScans(layer);
-  scans_.SetRevision(layer.revision, now);
+  scans_.SetRevision(
+      options_.sends_scans ? std::max(layer.revision, scans_.revision()) : layer.revision, now);
   layer_ = layer;
   as_mapped_.SetLayer(layer, now);
   if (options_.sends_scans) as_mapped_.SetBehind(scans_.waiting_since());
 }
 
-// In one session each commit is a scan, and the newest commits are the newest scans of the archive.
+// Those that nobody added before. In one session each commit is a scan, and the newest commits are
+// the newest scans of the archive.
 void PyramidPublisher::FindNewScans(const LayerSnapshot& layer) {
+  if (layer.revision <= scans_.revision()) return;
   const ScanArchive& archive = *layer.archive;
-  const uint64_t count = std::min(
-      {layer.revision - layer_.revision, static_cast<uint64_t>(archive.num_scans()), kMaxNewScans});
+  const uint64_t count = std::min({layer.revision - scans_.revision(),
+                                   static_cast<uint64_t>(archive.num_scans()), kMaxNewScans});
   uint64_t revision = layer.revision - count;
   archive.ForEachPackedAfter(
       archive.scans_added() - static_cast<int64_t>(count), [&](const PackedScan& scan) {
@@ -96,7 +107,7 @@ std::vector<ReplicationMessage> PyramidPublisher::Tick(Clock::time_point now, By
   // A session is known by its digest; and what a digest covers goes before it.
   if (!as_mapped_.HasDigested()) as_mapped_.Tick(now, budget, messages);
   scans_.Tick(now, budget, messages);
-  as_mapped_.Tick(now, budget, messages);
+  as_mapped_.Tick(now, budget, messages, /*may_digest=*/!IsBehind());
   return messages;
 }
 
@@ -129,8 +140,7 @@ void PyramidPublisher::WorkOnLevels(Clock::time_point now) {
 }
 
 bool PyramidPublisher::HasTilePulls() const {
-  return as_mapped_.HasPulls() ||
-         std::any_of(asked_.begin(), asked_.end(), [](const auto& asked) {
+  return as_mapped_.HasPulls() || std::any_of(asked_.begin(), asked_.end(), [](const auto& asked) {
            return asked.second.publisher && asked.second.publisher->HasPulls();
          });
 }
@@ -142,7 +152,8 @@ Clock::time_point PyramidPublisher::NextTick(Clock::time_point now) const {
   for (const auto& [level_of_detail, asked] : asked_) {
     next = std::min(next, asked.publisher ? asked.publisher->NextTick() : now);
   }
-  return next;
+  // A digest that is due waits for the layer.
+  return IsBehind() && !scans_.HasChanges() ? std::max(next, now + kLayerPause) : next;
 }
 
 }  // namespace splinemap

@@ -31,6 +31,8 @@ class PyramidPublisher {
                    const PublisherOptions& options, RecentScans* scans);
   PyramidPublisher(const PyramidPublisher&) = delete;
 
+  // A scan that the layer will have in a moment.
+  void AddScan(SentScan scan, Clock::time_point now);
   // The layer's newest state, of the same session.
   void SetLayer(const LayerSnapshot& layer, Clock::time_point now);
 
@@ -63,6 +65,8 @@ class PyramidPublisher {
   bool HasTilePulls() const;
   void WorkOnLevels(Clock::time_point now);
   void FindNewScans(const LayerSnapshot& layer);
+  // Whether scans were sent that the layer does not have yet: it cannot be digested.
+  bool IsBehind() const { return options_.sends_scans && scans_.revision() > layer_.revision; }
 
   const LayerRef ref_;  // at level 0
   const MapOptions map_options_;

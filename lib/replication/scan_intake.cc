@@ -13,7 +13,9 @@ constexpr size_t kMaxScans = 1024;
 constexpr size_t kMaxBytes = size_t{4} << 20;
 constexpr size_t kMaxRanges = 64;  // so that a pull is one frame
 constexpr uint64_t kMaxAsked = 256;
-// Of several followers that lack the same scan, one asks first.
+// What others have overtaken mostly comes within this time; and of several followers that lack the
+// same scan, one asks first.
+constexpr milliseconds kScanPatience(20);
 constexpr milliseconds kMaxScanBackOff(30);
 constexpr milliseconds kScanRetry(150);
 // Who hears others ask for the same this often without an answer, asks as well.
@@ -93,7 +95,7 @@ void ScanIntake::SetGap(uint64_t folded, uint64_t newest, Clock::time_point now)
   } else if (gap_ && gap_->folded == folded) {
     gap_->newest = newest;
   } else {
-    gap_ = Gap{folded, newest, now + random_.UpTo(kMaxScanBackOff)};
+    gap_ = Gap{folded, newest, now + kScanPatience + random_.UpTo(kMaxScanBackOff)};
   }
 }
 

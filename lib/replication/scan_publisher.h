@@ -27,6 +27,7 @@ class ScanPublisher {
   // Requires a pull of this session.
   void HandlePull(const scan_pull_t& pull);
 
+  uint64_t revision() const { return revision_; }
   bool HasChanges() const { return pushed_ < revision_; }
   bool HasPulls() const { return !pulled_.empty() || lacks_pulled_; }
   // Since when the oldest scan waits that was not pushed.

@@ -160,7 +160,12 @@ absl::Status Daemon::StartThreads() {
   p.replication.Start([&p](LayerId id, SessionId session, bool is_empty, MappingThread::Done done) {
     p.mapping.StartSession(std::move(id), session, is_empty, std::move(done));
   });
-  p.mapping.Start([&p] { p.replication.OnOwnChange(); });
+  p.mapping.Start(
+      [&p] { p.replication.OnOwnChange(); },
+      [&p](const SessionId& session, uint64_t revision, const FixedPose2& layer_T_robot,
+           const PackedScan& scan) {
+        p.replication.OnOwnScan(session, {revision, scan.pose.utime, layer_T_robot, *scan.beams});
+      });
   p.folding.Start();
   p.receiving.Start();
   return absl::OkStatus();

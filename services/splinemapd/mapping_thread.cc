@@ -25,8 +25,13 @@ MappingThread::MappingThread(const config::Config& config, const MapOptions& map
   PublishState();
 }
 
-void MappingThread::Start(std::function<void()> on_change) {
+void MappingThread::Start(std::function<void()> on_change, OnScan on_scan) {
   on_change_ = std::move(on_change);
+  mapper_.SetOnScan(
+      [this, on_scan = std::move(on_scan)](uint64_t revision, const PackedScan& scan) {
+        on_scan(layer_.session(), revision,
+                Placed(mapper_.archive().map_T_world, scan.pose.world_T_robot), scan);
+      });
   mapping_ = std::jthread([this](const std::stop_token& stop) { Run(stop); });
 }
 

@@ -37,7 +37,11 @@ class MappingThread {
   // The channels of scans, poses and extrinsics.
   const std::vector<std::string>& channels() const { return mapper_.channels(); }
 
-  void Start(std::function<void()> on_change);
+  // Is told of each scan before it is mapped into a layer of that session, for which it makes the
+  // commit `revision`.
+  using OnScan = std::function<void(const SessionId& session, uint64_t revision,
+                                    const FixedPose2& layer_T_robot, const PackedScan& scan)>;
+  void Start(std::function<void()> on_change, OnScan on_scan);
 
   // A message of channels(). Does not wait; when too many wait, the oldest are dropped and counted.
   void Handle(const std::string& channel, absl::Span<const uint8_t> message) {

@@ -46,6 +46,12 @@ void ReplicationThread::Handle(absl::Span<const uint8_t> message) {
   mailbox_.Push("", message);
 }
 
+void ReplicationThread::OnOwnScan(SessionId session, SentScan scan) {
+  mailbox_.Post([this, session, scan = std::move(scan)]() mutable {
+    exchange_.AddOwnScan(session, std::move(scan), Clock::now());
+  });
+}
+
 void ReplicationThread::OnOwnChange() {
   if (is_own_changed_.exchange(true)) return;
   mailbox_.Post([this] {

@@ -37,6 +37,9 @@ class ReplicationThread {
   // and counted: followers ask again.
   void Handle(absl::Span<const uint8_t> message);
 
+  // A scan is about to be mapped into the own layer.
+  void OnOwnScan(SessionId session, SentScan scan);
+
   // The newest map has a new state of the own layer.
   void OnOwnChange();
 

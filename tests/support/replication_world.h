@@ -104,12 +104,21 @@ class World {
   void SilenceOwner(bool is_silent) { is_silent_ = is_silent; }
 
   // Requires an owner that maps scans.
-  void Map(const PosedScan& scan) { mapper_->Map(scan, *layer_); }
+  void Map(const PosedScan& scan) {
+    if (random_() % 2 == 0) {
+      publisher_->AddScan(
+          {layer_->revision() + 1, scan.utime, scan.world_T_robot, PackBeams(scan, {})},
+          network_.now());
+      // It may be sent before it is mapped.
+      if (!is_silent_ && random_() % 2 == 0) Speak();
+    }
+    mapper_->Map(scan, *layer_);
+  }
 
   // Some tiles within `half_width` of the origin.
   void Commit(int half_width) {
     if (commits_ == Commits::kScans) {
-      mapper_->Map(RandomScan(random_, 1.6 * half_width), *layer_);
+      Map(RandomScan(random_, 1.6 * half_width));
       return;
     }
     layer_->BeginCommit();
@@ -147,10 +156,7 @@ class World {
     if (!is_silent_) {
       CheckSession();
       publisher_->SetLayer(OwnersLayer(), network_.now());
-      budget_->Refill(network_.now(), publisher_->HasChanges(), publisher_->HasPulls());
-      for (const ReplicationMessage& message : publisher_->Tick(network_.now(), *budget_)) {
-        std::visit([&](const auto& m) { Broadcast(m); }, message);
-      }
+      Speak();
     }
     for (const auto& follower : followers_) {
       const LayerFollower::Pulls pulls = follower->Tick(network_.now());
@@ -231,6 +237,12 @@ class World {
   int64_t scans_sent() const { return scans_sent_; }
 
  private:
+  void Speak() {
+    budget_->Refill(network_.now(), publisher_->HasChanges(), publisher_->HasPulls());
+    for (const ReplicationMessage& message : publisher_->Tick(network_.now(), *budget_)) {
+      std::visit([&](const auto& m) { Broadcast(m); }, message);
+    }
+  }
   LayerRef OwnersSession() const { return {layer_->id(), layer_->session(), {}}; }
   void CheckSession() {
     const auto next = guard_.Next(OwnersSession(), network_.now(), random_());

@@ -270,7 +270,7 @@ TEST(ScanReplicationTest, FollowersOnAllKindsOfProcessorsHaveTheSameBytes) {
   EXPECT_TRUE(world.AllCaughtUp());
   EXPECT_EQ(world.tiles_sent(), 0);
   for (size_t n = 0; n < world.num_followers(); ++n) {
-    EXPECT_EQ(world.follower(n).counts().folded, 500);
+    EXPECT_GE(world.follower(n).counts().folded, 500);
     EXPECT_EQ(world.follower(n).counts().misfolded, 0);
   }
 }

@@ -46,6 +46,7 @@ struct PackedScan {
   std::shared_ptr<const std::string> beams;
 };
 
+PackedScan Pack(const PosedScan& scan, const BeamModelOptions& model);
 // Requires one scan at least, and not more than fit, all of them of this model.
 std::shared_ptr<const ScanBlock> MakeBlock(const BeamModelOptions& model,
                                            absl::Span<const PackedScan> scans);
@@ -83,6 +84,7 @@ class ScanArchive {
   size_t bytes() const { return bytes_; }
 
   // After all others.
+  void Add(PackedScan scan, const BeamModelOptions& model);
   void Add(const std::shared_ptr<const PosedScan>& scan, const BeamModelOptions& model);
   void Add(std::shared_ptr<const ScanBlock> block);
 
@@ -109,7 +111,6 @@ class ScanArchive {
  private:
   using BlockList = std::vector<std::shared_ptr<const ScanBlock>>;
 
-  void Add(PackedScan scan, const BeamModelOptions& model);
   void CloseBlock();
 
   std::shared_ptr<const BlockList> blocks_ = std::make_shared<BlockList>();
