@@ -97,24 +97,6 @@ void ScanArchive::ForEachAfter(
   }
 }
 
-void ScanArchive::ForEachPackedAfter(int64_t added,
-                                     absl::FunctionRef<void(const PackedScan&)> visit) const {
-  int64_t skipped = std::max<int64_t>(added - taken_out_, 0);
-  for (const auto& block : *blocks_) {
-    if (skipped >= block->num_scans) {
-      skipped -= block->num_scans;
-      continue;
-    }
-    for (const PackedScan& scan : ScansOf(*block)) {
-      if (--skipped < 0) visit(scan);
-    }
-    skipped = std::max<int64_t>(skipped, 0);
-  }
-  for (const PackedScan& scan : tail_) {
-    if (--skipped < 0) visit(scan);
-  }
-}
-
 void ScanArchive::ForEachPose(absl::FunctionRef<void(const ScanPose&)> visit) const {
   for (const auto& block : *blocks_) {
     for (const ScanPose& pose : UnpackPoses(*block)) visit(pose);

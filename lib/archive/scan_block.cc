@@ -116,12 +116,6 @@ absl::StatusOr<std::shared_ptr<const ScanBlock>> BlockOf(std::string poses, std:
 
 std::vector<ScanPose> UnpackPoses(const ScanBlock& block) { return *PosesOf(block.poses); }
 
-std::vector<PackedScan> ScansOf(const ScanBlock& block) {
-  std::vector<PackedScan> packed;
-  for (const auto& scan : UnpackScans(block)) packed.push_back(Pack(*scan, block.model));
-  return packed;
-}
-
 PosedScans UnpackScans(const ScanBlock& block) {
   return Unpack(*block.beams, UnpackPoses(block))->scans;
 }

@@ -6,6 +6,12 @@
 #include "lib/spline/basis.h"
 
 namespace splinemap {
+namespace {
+
+constexpr size_t kSamplesAtOnce = size_t{1} << 16;
+
+}  // namespace
+
 BeamModel::BeamModel(const BeamModelOptions& options, double knot_interval_m,
                      const ScanKernel& kernel)
     : update_(options.update),
@@ -52,7 +58,12 @@ void BeamModel::AddPaperUpdates(absl::Span<const PlacedBeam> beams, ScanScratch&
         (beam.origin_world_m + beam.range_m * beam.direction_world) * knots_per_m_, hit_weights_));
   }
   if (update_ == BeamUpdate::kPaperSamples) {
-    for (const PlacedBeam& beam : beams) AddFreeSamples(beam);
+    for (const PlacedBeam& beam : beams) {
+      AddFreeSamples(beam);
+      if (samples_.size() < kSamplesAtOnce) continue;
+      scratch.AddSamples(samples_);
+      samples_.clear();
+    }
   } else {
     // The last sample of (9) lies between one and two spacings before the hit. Over all phases that
     // makes a density that ends one spacing before it.

@@ -17,8 +17,8 @@ class ScanFolder {
   explicit ScanFolder(const MapOptions& options, const ScanKernel& kernel = FastestScanKernel())
       : options_(options), kernel_(kernel), scratch_(kernel) {}
 
-  // InvalidArgument where a beam is longer than kMaxReachKnots, or the scan lies beyond
-  // kMaxKnotIndex.
+  // InvalidArgument where a beam is longer than kMaxReachKnots, all of them together are too long,
+  // the sensor moves too far meanwhile, or the scan lies beyond kMaxKnotIndex.
   absl::Status Check(const PlacedScan& scan) const;
   // Requires Check().
   void Fold(const PlacedScan& scan, const BeamModelOptions& model, Layer& layer);

@@ -21,6 +21,8 @@ void SumPlane<Sum>::Clear() {
     for (uint32_t& groups : blocks_[n]->touched) groups = 0;
   }
   size_ = 0;
+  constexpr size_t kMaxKept = 1024;  // a scan of 25 m touches some 100
+  if (blocks_.size() > kMaxKept) blocks_.resize(kMaxKept);
 }
 
 template class SumPlane<int32_t>;

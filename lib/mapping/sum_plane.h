@@ -65,7 +65,7 @@ struct alignas(64) SumBlock {
 };
 
 // The blocks that a scan touches, of sums that are int32_t, uint16_t, which saturate, or FaceSum.
-// Keeps its memory from scan to scan; blocks out of use are zeros. Thread-compatible.
+// Keeps its memory from scan to scan, but for what few scans need; blocks out of use are zeros. Thread-compatible.
 template <typename Sum>
 class SumPlane {
  public:

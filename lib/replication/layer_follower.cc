@@ -42,11 +42,13 @@ constexpr milliseconds kRenewal(5000);
 
 // A scan that does not come for so long is given up: tiles tell what it changed.
 constexpr int kMaxAsksForScans = 16;
-// Folds that were not the owner's so often in a row are made by another kind of processor, or of
-// what is not the owner's. Tiles are taken for a while.
+// Folds that were not the owner's so often in a row are made by another version of the method, or
+// of what is not the owner's. Tiles are taken for a while.
 constexpr int kMaxMisfolds = 3;
 constexpr std::chrono::seconds kWithoutScans(60);
 constexpr int kMaxOvertakenDigests = 3;
+// Scans that are folded in one call, so that nobody waits long for it.
+constexpr int kFoldsAtOnce = 32;
 // How far a scan changes control points beyond its hits.
 constexpr double kMarginKnots = 8;
 
@@ -116,7 +118,6 @@ void LayerFollower::BeginTree(std::optional<SessionId> session) {
   revision_ = 0;
   newest_revision_ = 0;
   StopFolding();
-  sends_scans_ = false;
   misfolds_ = 0;
   no_scans_until_.reset();
   checked_hash_.reset();
@@ -314,6 +315,12 @@ void LayerFollower::UpdateSync(Clock::time_point now) {
   }
   if (previous_ && !is_established_) matches_digest_ = false;  // it is not what is shown
   if (!done || (previous_ && !is_established_)) return;
+  if (IsFolding() && (digest_is_ahead_ || done->is_open)) {
+    // What was compared is not all of it, or not of the commit that is here.
+    matches_digest_ = false;
+    check_.reset();
+    return;
+  }
   check_.reset();
   pending_.clear();
   caught_up_ = true;
@@ -337,6 +344,7 @@ void LayerFollower::UpdateSync(Clock::time_point now) {
 
 void LayerFollower::StopFolding() {
   folded_.reset();
+  sends_scans_ = false;  // until the next one comes
   digest_is_ahead_ = false;
   overtaken_digests_ = 0;
   intake_.Clear();
@@ -358,7 +366,12 @@ void LayerFollower::CountMisfold(Clock::time_point now) {
 
 void LayerFollower::HandleScans(const layer_scans_t& scans, Clock::time_point now) {
   if (!Admit(scans.layer) || !digest_) return;
-  sends_scans_ |= scans.speaker == scans.layer.session_nonce;
+  // An empty message only tells that what was asked for cannot be had.
+  const bool is_owners = scans.speaker == scans.layer.session_nonce && !scans.scans.empty();
+  if (is_owners && !std::exchange(sends_scans_, true) && folded_ && TakesScans()) {
+    pending_.clear();  // scans tell from here on
+    check_.reset();
+  }
   if (!TakesScans()) return;
   const auto told = static_cast<uint64_t>(digest_->revision);
   const uint64_t known = folded_  ? *folded_
@@ -381,7 +394,7 @@ void LayerFollower::HandleScans(const layer_scans_t& scans, Clock::time_point no
 }
 
 void LayerFollower::FoldWhatIsThere(Clock::time_point now) {
-  while (IsFolding()) {
+  for (int n = 0; n < kFoldsAtOnce && IsFolding(); ++n) {
     std::optional<SentScan> scan = intake_.Take(*folded_ + 1);
     if (!scan) break;
     if (!Fold(*scan)) {
@@ -394,7 +407,7 @@ void LayerFollower::FoldWhatIsThere(Clock::time_point now) {
       Compare(IsOwners(*digest_), now);
     }
   }
-  if (!IsFolding()) return;
+  if (!IsFolding() || intake_.Has(*folded_ + 1)) return;
   intake_.SetGap(*folded_, std::max(intake_.newest(), static_cast<uint64_t>(digest_->revision)),
                  now);
 }
@@ -629,6 +642,7 @@ bool LayerFollower::HandleChild(const NodeKey& child, uint64_t hash, uint64_t re
   if (IsFolding()) {
     // Scans that are on their way will make it equal, or have changed it since it was listed.
     if (revision <= *folded_ && known <= revision) CountMisfold(now);
+    if (check_) check_->is_open = true;
     return false;
   }
   if (known >= revision) {
@@ -710,7 +724,10 @@ LayerFollower::Pulls LayerFollower::Tick(Clock::time_point now) {
   Pulls pulls;
   CheckSession(now);
   if (!session_) return pulls;
-  if (!std::exchange(owner_is_silent_, OwnerIsSilent(now)) && owner_is_silent_) DropWhatCameLast();
+  if (!std::exchange(owner_is_silent_, OwnerIsSilent(now)) && owner_is_silent_) {
+    DropWhatCameLast();
+    intake_.ForgetGap();  // proxies are asked anew
+  }
   if (!caught_up_ || check_) UpdateSync(now);
   FoldWhatIsThere(now);
   const int max_asks = OwnerIsSilent(now) ? kMaxAsksOfProxies : kMaxAsks;
@@ -720,8 +737,8 @@ LayerFollower::Pulls LayerFollower::Tick(Clock::time_point now) {
   if (given_up > 0) GiveUpCheck();
   AskForTiles(now, pulls.nodes);
   for (layer_pull_t& pull : pulls.nodes) pull.num_nodes = static_cast<int32_t>(pull.levels.size());
-  if (IsFolding() &&
-      intake_.times_asked() >= (OwnerIsSilent(now) ? kMaxAsksOfProxies : kMaxAsksForScans)) {
+  const int max_scan_asks = OwnerIsSilent(now) ? kMaxAsksOfProxies : kMaxAsksForScans;
+  if (IsFolding() && intake_.times_asked() >= max_scan_asks && *intake_.next_ask() <= now) {
     StopFolding();
   }
   if (IsFolding()) pulls.scans = intake_.Ask(now);
@@ -769,6 +786,7 @@ void LayerFollower::AskForTiles(Clock::time_point now, std::vector<layer_pull_t>
 Clock::time_point LayerFollower::NextTick(Clock::time_point now) const {
   constexpr milliseconds kWorking(10);
   constexpr milliseconds kIdle(500);  // what depends on silence is not urgent
+  if (IsFolding() && intake_.Has(*folded_ + 1)) return now;
   if (!pending_.empty()) return now + kWorking;
   Clock::time_point next = now + kIdle;
   if (next_objection_) next = std::min(next, *next_objection_);

@@ -212,7 +212,7 @@ class LayerFollower {
   // Every tile is as the owner had it in commit `folded_`, or in that of its revision where that is
   // later; nothing where that is not known.
   std::optional<uint64_t> folded_;
-  bool sends_scans_ = false;  // the owner, in this session
+  bool sends_scans_ = false;  // the owner does, as far as was heard
   ScanIntake intake_;
   RecentScans recent_scans_;
   bool digest_is_ahead_ = false;  // digest_, of the scans that were folded
@@ -229,6 +229,8 @@ class LayerFollower {
     Clock::time_point begin;
     bool is_owners = false;
     bool is_undisturbed = true;  // no tile has changed since
+    bool is_open =
+        false;  // a tile differed that scans on their way will make equal, or have changed
   };
   std::optional<Check> check_;
   // Tiles with revisions that the owner did not list in this check and in the one before: it has

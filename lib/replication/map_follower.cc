@@ -106,7 +106,7 @@ bool MapFollower::Handle(const ReplicationMessage& message, Clock::time_point no
 void MapFollower::Handle(const layer_digest_t& digest, Clock::time_point now) {
   LayerFollower* copy = FindOrAdd(digest, now);
   if (copy == nullptr) return;
-  copy->HandleDigest(digest, now);
+  CopyOf(digest.layer)->HandleDigest(digest, now);
   if (Followed* followed = Find(digest.layer); followed->proxy) {
     followed->proxy->HandleDigest(digest, now);
   }
@@ -169,13 +169,17 @@ void MapFollower::Handle(const layers_t& layers, Clock::time_point now) {
   }
 }
 
-// The rest of the tile budget is shared.
 LayerFollower* MapFollower::CopyOf(const layer_ref_t& layer) {
   Followed* followed = Find(layer);
   if (followed == nullptr) return nullptr;
-  const size_t others = NumTiles() - followed->copy.num_tiles();
-  followed->copy.SetMaxTiles(options_.max_tiles - std::min(others, options_.max_tiles));
+  ShareTiles(followed->copy);
   return &followed->copy;
+}
+
+// The rest of the tile budget is shared.
+void MapFollower::ShareTiles(LayerFollower& copy) const {
+  const size_t others = NumTiles() - copy.num_tiles();
+  copy.SetMaxTiles(options_.max_tiles - std::min(others, options_.max_tiles));
 }
 
 MapFollower::Followed* MapFollower::Find(const layer_ref_t& layer) {
@@ -390,6 +394,7 @@ std::vector<ReplicationMessage> MapFollower::Tick(Clock::time_point now, ByteBud
     entry = is_gone ? Erase(entry) : std::next(entry);
   }
   for (auto& [id, followed] : layers_) {
+    ShareTiles(followed.copy);
     LayerFollower::Pulls pulls = followed.copy.Tick(now);
     for (layer_pull_t& pull : pulls.nodes) {
       pull.speaker = static_cast<int64_t>(speaker_);

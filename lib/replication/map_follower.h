@@ -127,6 +127,7 @@ class MapFollower {
   void Handle(const settings_t& settings, Clock::time_point now);
   void Handle(const layers_t& layers, Clock::time_point now);
   LayerFollower* CopyOf(const layer_ref_t& layer);
+  void ShareTiles(LayerFollower& copy) const;
   Followed* Find(const layer_ref_t& layer);
   // Whether levels of detail are made here, of layers that are followed as they were mapped.
   bool MakesLevels() const {

@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
-#include "splinemap/scan_archive.h"
 
 namespace splinemap {
 namespace {
@@ -16,8 +15,6 @@ constexpr std::chrono::seconds kLevelLease(30);
 constexpr size_t kTilesPerTick = 200;
 
 constexpr std::chrono::milliseconds kLayerPause(1);
-// Scans that came at once, beyond which the oldest are not packed.
-constexpr uint64_t kMaxNewScans = 4096;
 
 PublisherOptions With(PublisherOptions options, bool sends_scans) {
   options.sends_scans = sends_scans;
@@ -44,27 +41,10 @@ void PyramidPublisher::AddScan(SentScan scan, Clock::time_point now) {
 }
 
 void PyramidPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point now) {
-  if (options_.sends_scans) FindNewScans(layer);
   scans_.SetRevision(
       options_.sends_scans ? std::max(layer.revision, scans_.revision()) : layer.revision, now);
   layer_ = layer;
   as_mapped_.SetLayer(layer, now);
-  if (options_.sends_scans) as_mapped_.SetBehind(scans_.waiting_since());
-}
-
-// Those that nobody added before. In one session each commit is a scan, and the newest commits are
-// the newest scans of the archive.
-void PyramidPublisher::FindNewScans(const LayerSnapshot& layer) {
-  if (layer.revision <= scans_.revision()) return;
-  const ScanArchive& archive = *layer.archive;
-  const uint64_t count = std::min({layer.revision - scans_.revision(),
-                                   static_cast<uint64_t>(archive.num_scans()), kMaxNewScans});
-  uint64_t revision = layer.revision - count;
-  archive.ForEachPackedAfter(
-      archive.scans_added() - static_cast<int64_t>(count), [&](const PackedScan& scan) {
-        own_scans_.Add({++revision, scan.pose.utime,
-                        Placed(archive.map_T_world, scan.pose.world_T_robot), *scan.beams});
-      });
 }
 
 void PyramidPublisher::HandlePull(const layer_pull_t& pull, Clock::time_point now) {
@@ -92,6 +72,7 @@ void PyramidPublisher::HandleScanPull(const scan_pull_t& pull, Clock::time_point
     ++foreign_pulls_;
     return;
   }
+  if (!options_.sends_scans && !options_.proxy) return;
   as_mapped_.HearScanPull(now);
   scans_.HandlePull(pull);
 }
@@ -106,7 +87,7 @@ std::vector<ReplicationMessage> PyramidPublisher::Tick(Clock::time_point now, By
   }
   // A session is known by its digest; and what a digest covers goes before it.
   if (!as_mapped_.HasDigested()) as_mapped_.Tick(now, budget, messages);
-  scans_.Tick(now, budget, messages);
+  SendScans(now, budget, messages);
   as_mapped_.Tick(now, budget, messages, /*may_digest=*/!IsBehind());
   return messages;
 }
@@ -114,9 +95,15 @@ std::vector<ReplicationMessage> PyramidPublisher::Tick(Clock::time_point now, By
 std::vector<ReplicationMessage> PyramidPublisher::LastTick(Clock::time_point now,
                                                            ByteBudget& budget) {
   std::vector<ReplicationMessage> messages;
-  scans_.Tick(now, budget, messages);
+  SendScans(now, budget, messages);
   as_mapped_.LastTick(now, budget, messages);
   return messages;
+}
+
+void PyramidPublisher::SendScans(Clock::time_point now, ByteBudget& budget,
+                                 std::vector<ReplicationMessage>& messages) {
+  scans_.Tick(now, budget, messages);
+  if (options_.sends_scans) as_mapped_.SetBehind(scans_.waiting_since());
 }
 
 void PyramidPublisher::WorkOnLevels(Clock::time_point now) {

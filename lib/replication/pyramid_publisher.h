@@ -31,7 +31,7 @@ class PyramidPublisher {
                    const PublisherOptions& options, RecentScans* scans);
   PyramidPublisher(const PyramidPublisher&) = delete;
 
-  // A scan that the layer will have in a moment.
+  // A scan that the layer will have in a moment. What it has else is not sent as scans.
   void AddScan(SentScan scan, Clock::time_point now);
   // The layer's newest state, of the same session.
   void SetLayer(const LayerSnapshot& layer, Clock::time_point now);
@@ -63,8 +63,9 @@ class PyramidPublisher {
   };
 
   bool HasTilePulls() const;
+  void SendScans(Clock::time_point now, ByteBudget& budget,
+                 std::vector<ReplicationMessage>& messages);
   void WorkOnLevels(Clock::time_point now);
-  void FindNewScans(const LayerSnapshot& layer);
   // Whether scans were sent that the layer does not have yet: it cannot be digested.
   bool IsBehind() const { return options_.sends_scans && scans_.revision() > layer_.revision; }
 

@@ -51,6 +51,12 @@ class RecentScans {
       scans_.pop_back();
     }
   }
+  void DropUpTo(uint64_t revision) {
+    while (!IsEmpty() && oldest() <= revision) {
+      bytes_ -= scans_.front().beams.size();
+      scans_.pop_front();
+    }
+  }
   void Clear() {
     scans_.clear();
     bytes_ = 0;

@@ -21,13 +21,14 @@ constexpr milliseconds kScanRetry(150);
 // Who hears others ask for the same this often without an answer, asks as well.
 constexpr int kMaxScanPulls = 10;
 
-}  // namespace
-
-bool ScanIntake::Received::IsWhole() const {
-  return std::all_of(parts.begin(), parts.end(), [](const auto& part) { return part.has_value(); });
+size_t BytesOf(const std::string& part) {
+  constexpr size_t kOverhead = 100;  // of the containers, about
+  return kOverhead + part.size();
 }
 
-bool ScanIntake::IsWhole(uint64_t revision) const {
+}  // namespace
+
+bool ScanIntake::Has(uint64_t revision) const {
   const auto scan = scans_.find(revision);
   return scan != scans_.end() && scan->second.IsWhole();
 }
@@ -39,24 +40,19 @@ bool ScanIntake::Add(const scan_record_t& record) {
                         {}};
   auto scan = scans_.find(header.revision);
   // Of two that differ one is not the owner's, and which, nobody knows: the later counts.
-  if (scan != scans_.end() && (scan->second.parts.size() != static_cast<size_t>(record.num_parts) ||
-                               scan->second.scan.utime != header.utime ||
-                               scan->second.scan.layer_T_robot != header.layer_T_robot)) {
+  if (scan != scans_.end() &&
+      (scan->second.num_parts != record.num_parts || scan->second.scan.utime != header.utime ||
+       scan->second.scan.layer_T_robot != header.layer_T_robot)) {
     Erase(scan);
     scan = scans_.end();
   }
   if (scan == scans_.end()) {
-    const auto num_parts = static_cast<size_t>(record.num_parts);
-    scan = scans_
-               .emplace(header.revision,
-                        Received{header, std::vector<std::optional<std::string>>(num_parts)})
-               .first;
-    bytes_ += num_parts * sizeof(std::optional<std::string>);
+    scan = scans_.emplace(header.revision, Received{header, record.num_parts, {}}).first;
   }
-  std::optional<std::string>& part = scan->second.parts[static_cast<size_t>(record.part)];
-  if (part) return false;
-  part.emplace(record.content.begin(), record.content.end());
-  bytes_ += part->size();
+  const auto [part, is_new] =
+      scan->second.parts.try_emplace(record.part, record.content.begin(), record.content.end());
+  if (!is_new) return false;
+  bytes_ += BytesOf(part->second);
   while (scans_.size() > kMaxScans || bytes_ > kMaxBytes) Erase(std::prev(scans_.end()));
   return true;
 }
@@ -65,13 +61,13 @@ std::optional<SentScan> ScanIntake::Take(uint64_t revision) {
   const auto scan = scans_.find(revision);
   if (scan == scans_.end() || !scan->second.IsWhole()) return std::nullopt;
   SentScan taken = std::move(scan->second.scan);
-  for (const auto& part : scan->second.parts) taken.beams += *part;
+  for (const auto& [number, part] : scan->second.parts) taken.beams += part;
   Erase(scan);
   return taken;
 }
 
 ScanIntake::Scans::iterator ScanIntake::Erase(Scans::iterator scan) {
-  for (const auto& part : scan->second.parts) bytes_ -= sizeof part + (part ? part->size() : 0);
+  for (const auto& [number, part] : scan->second.parts) bytes_ -= BytesOf(part);
   return scans_.erase(scan);
 }
 
@@ -105,7 +101,7 @@ std::optional<scan_pull_t> ScanIntake::Ask(Clock::time_point now) {
   const uint64_t last = std::min(gap_->newest, gap_->folded + kMaxAsked);
   bool is_in_range = false;
   for (uint64_t revision = gap_->folded + 1; revision <= last; ++revision) {
-    const bool is_lacking = !IsWhole(revision);
+    const bool is_lacking = !Has(revision);
     if (is_lacking && !is_in_range) {
       if (pull.first.size() == kMaxRanges) break;
       pull.first.push_back(static_cast<int64_t>(revision));

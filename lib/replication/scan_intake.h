@@ -26,6 +26,7 @@ class ScanIntake {
   bool Add(const scan_record_t& record);
   // The scan of this revision, which is not kept; nothing where not all of it was received.
   std::optional<SentScan> Take(uint64_t revision);
+  bool Has(uint64_t revision) const;
   // Of any scan of which something was received; 0 where there is none.
   uint64_t newest() const { return scans_.empty() ? 0 : scans_.rbegin()->first; }
 
@@ -37,6 +38,7 @@ class ScanIntake {
   // The follower has folded all up to `folded` and lacks the next; there are those up to `newest`.
   // Where these are the same, it lacks nothing.
   void SetGap(uint64_t folded, uint64_t newest, Clock::time_point now);
+  void ForgetGap() { gap_.reset(); }
   // How often the oldest scan that is lacking was asked for, as long as it does not come.
   int times_asked() const { return gap_ ? gap_->times_asked : 0; }
   // What is to be asked for now, without speaker and layer.
@@ -51,9 +53,10 @@ class ScanIntake {
  private:
   struct Received {
     SentScan scan;  // without beams
-    std::vector<std::optional<std::string>> parts;
+    int num_parts = 0;
+    std::map<int, std::string> parts;
 
-    bool IsWhole() const;
+    bool IsWhole() const { return static_cast<int>(parts.size()) == num_parts; }
   };
   struct Gap {
     uint64_t folded = 0;
@@ -65,7 +68,6 @@ class ScanIntake {
   using Scans = std::map<uint64_t, Received>;  // by revision
 
   Scans::iterator Erase(Scans::iterator scan);
-  bool IsWhole(uint64_t revision) const;
 
   RandomBackoff random_;
   Scans scans_;

@@ -14,10 +14,10 @@ namespace {
 constexpr std::chrono::milliseconds kMaxScanWait(1000);
 // LCM drops what comes while 30 messages wait for a subscriber, such as lcm-logger, and says
 // nothing.
-constexpr int kMaxAtOnce = 12;
+constexpr int kMaxMessagesAtOnce = 12;
 constexpr std::chrono::milliseconds kPause(2);
 constexpr std::chrono::milliseconds kBudgetPause(10);  // where the budget was spent
-constexpr size_t kMaxPulledScans = 10'000;
+constexpr uint64_t kMaxPulledScans = 256;              // of one range
 
 }  // namespace
 
@@ -62,8 +62,11 @@ class ScanPublisher::Batch {
     return num_parts * header_bytes + scan.beams.size();
   }
 
+  int num_messages() const { return num_sent_ + (message_.scans.empty() ? 0 : 1); }
+
   // Without scans it tells which there are.
   void Send() {
+    ++num_sent_;
     message_.num_scans = static_cast<int32_t>(message_.scans.size());
     messages_.emplace_back(message_);
     message_.scans.clear();
@@ -75,6 +78,7 @@ class ScanPublisher::Batch {
   layer_scans_t message_;
   size_t empty_bytes_;
   size_t bytes_;
+  int num_sent_ = 0;
 };
 
 ScanPublisher::ScanPublisher(LayerRef ref, int64_t speaker, uint64_t revision, RecentScans& scans,
@@ -87,7 +91,7 @@ ScanPublisher::ScanPublisher(LayerRef ref, int64_t speaker, uint64_t revision, R
       pushed_(revision) {}
 
 void ScanPublisher::SetRevision(uint64_t revision, Clock::time_point now) {
-  if (pushes_ && !HasChanges() && revision > revision_) waiting_since_ = now;
+  if (pushes_ && revision > revision_) waiting_.push_back({revision, now});
   revision_ = revision;
   if (!pushes_) pushed_ = revision;
 }
@@ -102,8 +106,9 @@ void ScanPublisher::HandlePull(const scan_pull_t& pull) {
     const auto last = std::min(static_cast<uint64_t>(pull.last[k]), pushed_);
     if (first > last) continue;
     lacks_pulled_ |= first < Oldest();
-    for (uint64_t revision = std::max(first, Oldest()); revision <= last; ++revision) {
-      if (pulled_.size() >= kMaxPulledScans) return;
+    const uint64_t begin = std::max(first, Oldest());
+    for (uint64_t revision = begin; revision <= last && revision < begin + kMaxPulledScans;
+         ++revision) {
       pulled_.Push(revision);
     }
   }
@@ -111,16 +116,11 @@ void ScanPublisher::HandlePull(const scan_pull_t& pull) {
 
 void ScanPublisher::Tick(Clock::time_point now, ByteBudget& budget,
                          std::vector<ReplicationMessage>& messages) {
+  if (now < next_tick_ && (HasChanges() || HasPulls())) return;
   Batch batch(*this, messages);
   Answer(batch, budget);
   Push(batch, budget);
-  if (!HasChanges()) {
-    waiting_since_.reset();
-  } else if (now - *waiting_since_ > kMaxScanWait) {
-    scans_.Clear();
-    pushed_ = revision_;
-    waiting_since_.reset();
-  }
+  GiveUpWhatIsOld(now);
   next_tick_ = !HasChanges() && !HasPulls()             ? Clock::time_point()
                : budget.MayPush() && budget.MayAnswer() ? now + kPause
                                                         : now + kBudgetPause;
@@ -128,16 +128,27 @@ void ScanPublisher::Tick(Clock::time_point now, ByteBudget& budget,
 
 void ScanPublisher::Answer(Batch& batch, ByteBudget& budget) {
   if (std::exchange(lacks_pulled_, false)) batch.Send();
-  for (int n = 0; n < kMaxAtOnce && !pulled_.empty() && budget.MayAnswer(); ++n) {
+  while (!pulled_.empty() && budget.MayAnswer() && batch.num_messages() < kMaxMessagesAtOnce) {
     const SentScan* scan = scans_.Find(pulled_.Pop());
     if (scan != nullptr) budget.SpendOnAnswers(batch.Add(*scan));
   }
 }
 
 void ScanPublisher::Push(Batch& batch, ByteBudget& budget) {
-  for (int n = 0; n < kMaxAtOnce && HasChanges() && budget.MayPush(); ++n) {
+  while (HasChanges() && budget.MayPush() && batch.num_messages() < kMaxMessagesAtOnce) {
     const SentScan* scan = scans_.Find(++pushed_);
     if (scan != nullptr) budget.SpendOnPushes(batch.Add(*scan));
+  }
+}
+
+void ScanPublisher::GiveUpWhatIsOld(Clock::time_point now) {
+  while (!waiting_.empty() &&
+         (waiting_.front().revision <= pushed_ || now - waiting_.front().since > kMaxScanWait)) {
+    if (waiting_.front().revision > pushed_) {
+      pushed_ = waiting_.front().revision;
+      scans_.DropUpTo(pushed_);
+    }
+    waiting_.pop_front();
   }
 }
 

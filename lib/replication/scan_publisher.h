@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <optional>
 #include <vector>
 
@@ -31,10 +32,12 @@ class ScanPublisher {
   bool HasChanges() const { return pushed_ < revision_; }
   bool HasPulls() const { return !pulled_.empty() || lacks_pulled_; }
   // Since when the oldest scan waits that was not pushed.
-  std::optional<Clock::time_point> waiting_since() const { return waiting_since_; }
+  std::optional<Clock::time_point> waiting_since() const {
+    return HasChanges() ? std::optional(waiting_.front().since) : std::nullopt;
+  }
 
   // Adds what is to be sent now, as far as the budget goes. What waits for longer than a second is
-  // given up: followers ask for tiles.
+  // given up, and cannot be had any more: followers ask for tiles.
   void Tick(Clock::time_point now, ByteBudget& budget, std::vector<ReplicationMessage>& messages);
   // When that will have something to do.
   Clock::time_point NextTick() const;
@@ -44,6 +47,7 @@ class ScanPublisher {
 
   void Answer(Batch& batch, ByteBudget& budget);
   void Push(Batch& batch, ByteBudget& budget);
+  void GiveUpWhatIsOld(Clock::time_point now);
   uint64_t Oldest() const;
 
   const LayerRef ref_;
@@ -52,7 +56,11 @@ class ScanPublisher {
   const bool pushes_;
   uint64_t revision_;  // of the layer
   uint64_t pushed_;    // up to this one
-  std::optional<Clock::time_point> waiting_since_;
+  struct Waiting {
+    uint64_t revision;
+    Clock::time_point since;
+  };
+  std::deque<Waiting> waiting_;  // the revisions beyond pushed_, some together
   Clock::time_point next_tick_;  // for what the last one has left
   FifoSet<uint64_t> pulled_;
   bool lacks_pulled_ = false;  // somebody asked for what cannot be sent any more

@@ -39,7 +39,8 @@ namespace {
 
 constexpr size_t kRequestHeaderBytes = 4 * 8;
 constexpr int kMaxPulledNodes = 1000;  // of what followers ask for at once, several times
-constexpr int kMaxScanParts = 2048;    // of a few bytes less than a datagram
+constexpr int kMaxPulledRanges = 64;
+constexpr int kMaxScanParts = 2048;                    // of a few bytes less than a datagram
 constexpr int64_t kMaxScanTime_us = int64_t{1} << 60;  // so that differences of times are some
 
 // What a message has beside others; nothing for most.
@@ -119,8 +120,8 @@ absl::Status CheckContent(const layer_scans_t& scans) {
 }
 
 absl::Status CheckContent(const scan_pull_t& pull) {
-  if (pull.num_ranges > kMaxPulledNodes) {
-    return InvalidArgument("{} ranges; at most {} are allowed", pull.num_ranges, kMaxPulledNodes);
+  if (pull.num_ranges > kMaxPulledRanges) {
+    return InvalidArgument("{} ranges; at most {} are allowed", pull.num_ranges, kMaxPulledRanges);
   }
   for (int k = 0; k < pull.num_ranges; ++k) {
     SPLINEMAP_RETURN_IF_ERROR(CheckRevision(static_cast<uint64_t>(pull.first[k])));

@@ -47,7 +47,9 @@ void HonestOwner::Begin() {
 
 void HonestOwner::Map(Clock::time_point now) {
   if (mapper_) {
-    mapper_->Map(RandomScan(random_, 1.6), layer_);
+    const PosedScan scan = RandomScan(random_, 1.6);
+    publisher_->AddScan(ScanMapper::SentOf(scan, layer_), now);
+    mapper_->Map(scan, layer_);
   } else {
     layer_.BeginCommit();
     layer_.EditTile(RandomKey(random_, 1)) = RandomTile(random_, options_.limits);

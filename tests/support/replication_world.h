@@ -105,13 +105,9 @@ class World {
 
   // Requires an owner that maps scans.
   void Map(const PosedScan& scan) {
-    if (random_() % 2 == 0) {
-      publisher_->AddScan(
-          {layer_->revision() + 1, scan.utime, scan.world_T_robot, PackBeams(scan, {})},
-          network_.now());
-      // It may be sent before it is mapped.
-      if (!is_silent_ && random_() % 2 == 0) Speak();
-    }
+    publisher_->AddScan(ScanMapper::SentOf(scan, *layer_), network_.now());
+    // It may be sent before it is mapped.
+    if (!is_silent_ && random_() % 2 == 0) Speak();
     mapper_->Map(scan, *layer_);
   }
 
@@ -235,6 +231,7 @@ class World {
   int64_t bytes_of_owner() const { return bytes_of_owner_; }
   int64_t tiles_sent() const { return tiles_sent_; }
   int64_t scans_sent() const { return scans_sent_; }
+  int64_t messages_sent() const { return messages_sent_; }  // by the owner
 
  private:
   void Speak() {
@@ -280,6 +277,7 @@ class World {
   void Broadcast(const settings_t&) { ADD_FAILURE() << "publishers know no settings"; }
   template <typename Message, typename Handle>
   void ToFollowers(const Message& message, Handle handle) {
+    ++messages_sent_;
     bytes_sent_ += message.getEncodedSize();
     bytes_of_owner_ += message.getEncodedSize();
     for (const std::weak_ptr<LayerFollower> follower : followers_) {
@@ -331,6 +329,7 @@ class World {
   int64_t bytes_of_owner_ = 0;
   int64_t tiles_sent_ = 0;
   int64_t scans_sent_ = 0;
+  int64_t messages_sent_ = 0;
 };
 
 }  // namespace splinemap::replication_test

@@ -3,7 +3,9 @@
 #include <memory>
 #include <utility>
 
+#include "lib/archive/scan_record.h"
 #include "lib/mapping/scan_folder.h"
+#include "lib/replication/recent_scans.h"
 #include "splinemap/layer_set.h"
 #include "splinemap/scan_archive.h"
 
@@ -14,6 +16,11 @@ class ScanMapper {
  public:
   // `folder` may be shared.
   explicit ScanMapper(std::shared_ptr<ScanFolder> folder) : folder_(std::move(folder)) {}
+
+  // As owners send it before it is mapped.
+  static SentScan SentOf(const PosedScan& scan, const Layer& layer) {
+    return {layer.revision() + 1, scan.utime, scan.world_T_robot, PackBeams(scan, {})};
+  }
 
   void Map(const PosedScan& scan, Layer& layer) {
     Place(scan, archive_.map_T_world, placed_);

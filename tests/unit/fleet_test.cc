@@ -116,7 +116,9 @@ class Robot {
 
   void Commit(int tiles = 3) {
     if (has_scans_) {
-      mapper_->Map(RandomScan(random_, 1.6 * 4), *layer_);
+      const PosedScan scan = RandomScan(random_, 1.6 * 4);
+      said_.emplace_back(layer_->session(), ScanMapper::SentOf(scan, *layer_));
+      mapper_->Map(scan, *layer_);
       return;
     }
     layer_->BeginCommit();
@@ -180,6 +182,9 @@ class Robot {
       layer_->StartSession(next->ref.id, next->ref.session);
       file_.own_layer = next->ref.id;
     }
+    for (auto& [session, scan] : std::exchange(said_, {})) {
+      exchange_->AddOwnScan(session, std::move(scan), now);
+    }
     exchange_->SetOwn(Own(), now);
     if (next && !is_removed) Save();
     return Encoded(is_leaving_ ? exchange_->LastTick(now) : exchange_->Tick(now));
@@ -213,6 +218,7 @@ class Robot {
   Random& random_;
   const bool has_scans_;
   std::optional<ScanMapper> mapper_;
+  std::vector<std::pair<SessionId, SentScan>> said_;  // since the last Tick()
   bool is_leaving_ = false;
   LayerSet file_;
   std::vector<LayerSet> files_;

@@ -175,6 +175,79 @@ TEST(ScanReplicationTest, ARunOfForgedScansIsFoundThoughTheOwnerIsNotThatFar) {
   }
 }
 
+// A scanner that marches across the world in one scan touches more tiles than there is memory for.
+TEST(ScanReplicationTest, AScanThatNoScannerCanMakeIsRefusedCheaply) {
+  World world({}, {}, 16, Commits::kScans);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  Drive(world, 10);
+  layer_scans_t message = ForgedScan(world, world.OwnersLayer().revision + 1, world.random());
+  PosedScan scan;
+  for (int k = 0; k < 1600; ++k) {
+    scan.robot_T_sensor.push_back(FixedPose2::Nearest({{8.0 * k, 0}, 0}));
+    scan.beams.push_back(
+        {.range_m = 200, .bearing_rad = 1.5F, .hit = false, .reading = static_cast<uint16_t>(k)});
+  }
+  const std::string beams = PackBeams(scan, {});
+  ASSERT_LT(beams.size(), 1400u);
+  message.scans[0].content.assign(beams.begin(), beams.end());
+  message.scans[0].num_bytes = static_cast<int32_t>(beams.size());
+  world.follower(0).HandleScans(message, world.network().now());
+  EXPECT_EQ(world.follower(0).counts().unusable, 1);
+  Drive(world, 10);
+  EXPECT_TRUE(world.AllCaughtUp());
+}
+
+// Whoever pulls scans of an owner that keeps none, or says that it has none, keeps nobody from
+// tiles.
+TEST(ScanReplicationTest, AnEmptyMessageOfScansChangesNothing) {
+  World world({}, {}, 17, Commits::kTiles);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  scan_pull_t pull{};
+  pull.layer = world.last_digest().layer;
+  pull.num_ranges = 1;
+  pull.first = {0};
+  pull.last = {1000};
+  world.publisher().HandleScanPull(pull, world.network().now());
+  layer_scans_t empty{};
+  empty.speaker = world.last_digest().speaker;
+  empty.layer = world.last_digest().layer;
+  empty.oldest = 1000;
+  world.follower(0).HandleScans(empty, world.network().now());
+  const auto asked = [&] {
+    const FollowCounts& counts = world.follower(0).counts();
+    return counts.asked_scans + counts.asked_tiles + counts.asked_nodes;
+  };
+  const int64_t before = asked();
+  Drive(world, 50);
+  world.Run(milliseconds(1500));
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(asked(), before);
+}
+
+TEST(ScanReplicationTest, NothingLagsAfterTheLastScan) {
+  World world({}, {}, 18, Commits::kScans);
+  world.AddFollower();
+  Drive(world, 30);
+  world.Run(milliseconds(5000));
+  EXPECT_EQ(world.last_digest().lag_s, 0);
+}
+
+TEST(ScanReplicationTest, FewMessagesGoAtOnce) {
+  World world({}, {}, 19, Commits::kScans);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  for (int n = 0; n < 200; ++n) world.Commit(3);
+  int most = 0;
+  while (!world.AllCaughtUp()) {
+    const int64_t before = world.messages_sent();
+    world.Step();
+    most = std::max(most, static_cast<int>(world.messages_sent() - before));
+  }
+  EXPECT_LE(most, 16);
+}
+
 TEST(ScanReplicationTest, RecordsThatAreDamagedAreAskedForAgain) {
   World world({}, {}, 9, Commits::kScans);
   world.AddFollower();

@@ -18,15 +18,16 @@ struct FollowOptions {
   std::vector<std::string> names;  // of robots, or patterns with * ? [..]; empty: all
   std::optional<Region> region;    // in the map frame; none: all of the map
   // Coarser levels: smoothed values, or the least or greatest log-odds of the squares of 2^level x
-  // 2^level control points, so that obstacles stay. The knot interval of the copy is 2^level times the map's. Control point (i, j)
-  // stands for finer ones from (i, j) 2^level on. Layers that are placed are resampled at the
-  // level; their least and greatest are those of all squares that one of the map touches.
+  // 2^level control points, so that obstacles stay. The knot interval of the copy is 2^level times
+  // the map's. Control point (i, j) stands for finer ones from (i, j) 2^level on. Layers that are
+  // placed are resampled at the level; their least and greatest are those of all squares that one
+  // of the map touches.
   LevelOfDetail level_of_detail;
   // Whether settings about layers are taken from the bus, and passed on. Else those that were
   // there at the beginning stay, and nobody on the bus can mute, place or remove a layer here.
   bool takes_settings = true;
-  // Owners send scans, of which copies are made, and coarser levels of these. Whether tiles are taken
-  // instead, and coarser levels as daemons make them: for who has little memory or a slow
+  // Owners send scans, of which copies are made, and coarser levels of these. Whether tiles are
+  // taken instead, and coarser levels as daemons make them: for who has little memory or a slow
   // processor, and needs little of a large map. While changes go on, tiles cost the bus many times
   // as much as scans.
   bool takes_tiles = false;
@@ -36,16 +37,16 @@ struct FollowOptions {
 
 // What became of the messages of a layer.
 struct FollowCounts {
-  int64_t folded = 0;  // scans
-  int64_t applied = 0;  // tiles
+  int64_t folded = 0;       // scans
+  int64_t applied = 0;      // tiles
   int64_t stale = 0;        // doubled, late, or of an older session
   int64_t unusable = 0;     // differences to what is not there, damaged ones, values that cannot be
   int64_t disowned = 0;     // tiles that its owner did not list, dropped or fetched anew
   int64_t foreign = 0;      // of another version of the protocol
   int64_t asked_tiles = 0;  // losses, and what a late joiner lacks
   int64_t asked_nodes = 0;
-  int64_t asked_scans = 0;   // pulls of them
-  int64_t misfolded = 0;     // copies made of scans that were not what a digest said
+  int64_t asked_scans = 0;  // pulls of them
+  int64_t misfolded = 0;    // copies made of scans that were not what a digest said
 };
 
 // A layer as a follower has it.

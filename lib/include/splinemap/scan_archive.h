@@ -52,7 +52,6 @@ std::shared_ptr<const ScanBlock> MakeBlock(const BeamModelOptions& model,
                                            absl::Span<const PackedScan> scans);
 // Of bytes that a file says. DataLoss where they cannot be.
 absl::StatusOr<std::shared_ptr<const ScanBlock>> BlockOf(std::string poses, std::string beams);
-std::vector<PackedScan> ScansOf(const ScanBlock& block);
 PosedScans UnpackScans(const ScanBlock& block);
 std::vector<ScanPose> UnpackPoses(const ScanBlock& block);
 // The same scans elsewhere. Requires a pose for each scan.
@@ -101,7 +100,6 @@ class ScanArchive {
   // Those that were added after the first `added`.
   void ForEachAfter(int64_t added,
                     absl::FunctionRef<void(const PosedScan&, const BeamModelOptions&)> visit) const;
-  void ForEachPackedAfter(int64_t added, absl::FunctionRef<void(const PackedScan&)> visit) const;
 
   // The scans for which `is_kept` is true, in their order; the base stays.
   ScanArchive Filtered(absl::FunctionRef<bool(const ScanPose&)> is_kept) const;

@@ -48,8 +48,9 @@ class Publishing {
   Publishing(const LayerSnapshot& layer, const MapOptions& options, PublisherOptions publisher)
       : publisher_(layer, options, publisher), budget_(publisher.bytes_per_s) {}
 
-  double BytesOf(const LayerSnapshot& layer) {
+  double BytesOf(SentScan scan, const LayerSnapshot& layer) {
     double bytes = 0;
+    publisher_.AddScan(std::move(scan), now_);
     publisher_.SetLayer(layer, now_);
     for (auto passed = milliseconds(0); passed < kScanInterval; passed += kTick, now_ += kTick) {
       budget_.Refill(now_, publisher_.HasChanges(), publisher_.HasPulls());
@@ -157,9 +158,11 @@ std::vector<Competitor> Measure(const Workload& workload) {
   Competitor of_mrpt{"MRPT's grid, serialised, each second"}, mrpt_zstd{of_mrpt.name + ", zstd"};
   int count = 0;
   for (const RecordedScan& scan : workload.scans) {
-    mapper.Map(PosedScanOf(scan), layer);
-    of_scans.bytes += scans.BytesOf(mapper.SnapshotOf(layer));
-    of_tiles.bytes += tiles.BytesOf(mapper.SnapshotOf(layer));
+    const PosedScan posed = PosedScanOf(scan);
+    const SentScan sent = ScanMapper::SentOf(posed, layer);
+    mapper.Map(posed, layer);
+    of_scans.bytes += scans.BytesOf(sent, mapper.SnapshotOf(layer));
+    of_tiles.bytes += tiles.BytesOf(sent, mapper.SnapshotOf(layer));
     grid.Update(*map.View());
     const MessageBytes rectangle = grid.DrainChanged();
     changed.bytes += rectangle.raw;

@@ -83,7 +83,9 @@ void RobotFleet::Run(const std::stop_token& stop) {
 }
 
 void RobotFleet::MapNextScan(Robot& robot) {
-  robot.mapper.Map(PosedScanOf(workload_.scans[robot.next_scan]), robot.layer);
+  const PosedScan scan = PosedScanOf(workload_.scans[robot.next_scan]);
+  robot.publisher.AddScan(ScanMapper::SentOf(scan, robot.layer), Clock::now());
+  robot.mapper.Map(scan, robot.layer);
   robot.next_scan = (robot.next_scan + 1) % workload_.scans.size();
   const LayerSnapshot snapshot = robot.mapper.SnapshotOf(robot.layer);
   snapshot.tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
