@@ -54,6 +54,7 @@ done
 "$programs/accuracy/accuracy" "${quick[@]}" --out "$out"
 "$programs/surface/surface" "${quick[@]}" --out "$out"
 "$programs/layers/layers" "${quick[@]}" --out "$out"
+"$programs/bandwidth/bandwidth" "${quick[@]}" --json "$out/bandwidth.json" > "$out/bandwidth.txt"
 deploy/own_bus.sh "$programs/serving/serving" "${quick[@]}" --json "$out/serving.json" > "$out/serving.txt"
 "$programs/asking/asking_bench" "${quick[@]}" > "$out/asking.txt"
 "$programs/align/align_bench" "${quick[@]}" --out "$out"
@@ -62,7 +63,7 @@ deploy/own_bus.sh "$programs/correcting/correcting" "${quick[@]}" > "$out/correc
 {
   "$python" tests/bench/report.py "$out"
   printf '\n## Following a map\n\n'
-  sed 's/^/    /' "$out/serving.txt"
+  sed 's/^/    /' "$out/serving.txt" "$out/bandwidth.txt"
   printf '\n## Asking a map\n\n'
   sed 's/^/    /' "$out/asking.txt"
   printf '\n## Correcting a map\n\n'

@@ -53,7 +53,31 @@ following=lib/replication/map_follower.cc
 settings=lib/layers/layer_settings.cc
 sum=lib/map/summed_layers.cc
 placed=lib/map/placed_tile.cc
+intake=lib/replication/scan_intake.cc
+scans=lib/replication/scan_publisher.cc
 
+mutate tiles_that_are_later_have_the_scan "$follower" 'tiles_\.tree\(\)\.RevisionOf\(key\) >= scan\.revision' 'false'
+mutate tiles_are_not_taken_while_folding "$follower" ' \|\| IsFolding\(\)\) return;' ') return;'
+mutate digests_are_compared_at_their_commit "$follower" 'digest_is_ahead_ && \*folded_ ==' 'false \&\& *folded_ =='
+mutate hashes_that_differ_end_folding "$follower" '\(!is_overtaken && !subset_\.box && !Matches\(\)\)' 'false'
+mutate overtaken_digests_end_folding "$follower" 'overtaken_digests_ >= kMaxOvertakenDigests' 'false'
+mutate misfolds_in_a_row_take_tiles "$follower" '\+\+misfolds_ >= kMaxMisfolds' 'false'
+mutate scans_are_tried_again "$follower" 'if \(no_scans_until_ && now >= \*no_scans_until_\) no_scans_until_\.reset\(\);' ''
+mutate scans_beyond_a_digest_are_forgotten "$follower" 'if \(is_owners\) intake_\.ForgetAfter\(revision\);' ''
+mutate scans_that_are_gone_come_as_tiles "$follower" 'if \(is_lost\) StopFolding\(\);' ''
+mutate parts_find_other_folds "$follower" 'if \(revision <= \*folded_ && known <= revision\) CountMisfold\(now\);' ''
+mutate pushes_of_tiles_are_asked_for "$follower" '\(sends_scans_ && !TakesScans\(\)\)' 'false'
+mutate empty_messages_of_scans_tell_nothing "$follower" ' && !scans\.scans\.empty\(\)' ''
+mutate lost_scans_are_asked_for "$intake" 'if \(!gap_ \|\| gap_->due > now\) return std::nullopt;' 'return std::nullopt;'
+mutate others_pulls_of_scans_postpone "$intake" 'if \(!gap_\) return;' 'return;'
+mutate gone_scans_are_told "$scans" 'lacks_pulled_ \|= first < Oldest\(\);' ''
+mutate few_messages_of_scans_go_at_once "$scans" 'budget\.MayPush\(\) && batch\.num_messages\(\) < kMaxMessagesAtOnce' 'budget.MayPush()'
+mutate old_scans_are_given_up "$scans" 'now - waiting_\.front\(\)\.since > kMaxScanWait' 'false'
+mutate digests_wait_for_the_layer "$pyramid" '/\*may_digest=\*/!IsBehind\(\)' 'true'
+mutate who_keeps_no_scans_does_not_answer "$pyramid" 'if \(!options_\.sends_scans && !options_\.proxy\) return;' ''
+mutate tiles_are_pushed_to_who_asks "$publisher" 'if \(pull\.num_nodes == 0\) tiles_wanted_ = now;' ''
+mutate pushes_of_tiles_end "$publisher" 'now - \*tiles_wanted_ <= kTileLease' 'true'
+mutate scanners_do_not_march lib/mapping/scan_folder.cc 'way_m > kMaxWayKnots \* options_\.knot_interval_m' 'false'
 mutate own_messages_are_ignored "$following" 'if \(SpeakerOf\(message\) == speaker_\) return false;' ''
 mutate owner_is_told_by_its_speaker lib/replication/protocol.h 'digest\.speaker == digest\.layer\.session_nonce' 'true'
 mutate publishers_name_their_speaker "$publisher" 'digest\.speaker = speaker_;' ''
