@@ -73,7 +73,11 @@ absl::StatusOr<int> FollowLog(const SnapshotFlags& flags) {
   }
   for (const FollowedLayer& layer : follower.FollowedLayers(now)) {
     if (layer.matches_digest) continue;
-    PrintLine(stderr, "{}: the log lacks updates after commit {}", layer.id.name, layer.revision);
+    PrintLine(
+        stderr,
+        "{}: the log lacks what came after commit {}. lcm-logger drops messages while 30 wait: "
+        "record the map alone, by lcm-logger --channel='{}_.*'",
+        layer.id.name, layer.revision, options.channel_prefix);
     is_complete = false;
   }
   return is_complete ? kSuccess : kFailed;

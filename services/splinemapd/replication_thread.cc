@@ -47,16 +47,36 @@ void ReplicationThread::Handle(absl::Span<const uint8_t> message) {
 }
 
 void ReplicationThread::OnOwnScan(SessionId session, SentScan scan) {
-  mailbox_.Post([this, session, scan = std::move(scan)]() mutable {
+  {
+    MutexLock lock(mutex_);
+    own_scans_.emplace_back(session, std::move(scan));
+  }
+  mailbox_.Post([this] { AddOwnScans(); });
+}
+
+void ReplicationThread::AddOwnScans() {
+  std::vector<std::pair<SessionId, SentScan>> scans;
+  {
+    MutexLock lock(mutex_);
+    scans = std::exchange(own_scans_, {});
+  }
+  for (auto& [session, scan] : scans) {
     exchange_.AddOwnScan(session, std::move(scan), Clock::now());
-  });
+  }
+}
+
+// The scans of a state come before it, whichever task is first.
+void ReplicationThread::UseOwn() {
+  const LayerSnapshot own = newest_.Own();
+  AddOwnScans();
+  exchange_.SetOwn(own, Clock::now());
 }
 
 void ReplicationThread::OnOwnChange() {
   if (is_own_changed_.exchange(true)) return;
   mailbox_.Post([this] {
     is_own_changed_ = false;
-    exchange_.SetOwn(newest_.Own(), Clock::now());
+    UseOwn();
   });
 }
 
@@ -91,7 +111,7 @@ void ReplicationThread::Run(const std::stop_token& stop) {
 
 // What was mapped last may have been lost by every follower, and nobody can ask for it later.
 void ReplicationThread::SayLast() {
-  exchange_.SetOwn(newest_.Own(), Clock::now());
+  UseOwn();
   next_report_ = {};
   UpdateReport(Clock::now());
   const auto deadline = Clock::now() + kMaxFarewell;
@@ -170,7 +190,7 @@ void ReplicationThread::StartNewSession(LayerId id, SessionId session, bool is_e
       notices_.Report({.subject = "session", .text = failure + ": " + ErrorText(started)});
     }
     mailbox_.Post([=, this] {
-      exchange_.SetOwn(newest_.Own(), Clock::now());
+      UseOwn();
       is_starting_ = false;
       if (done) done(started);
     });

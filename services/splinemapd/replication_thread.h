@@ -5,6 +5,7 @@
 #include <functional>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "absl/status/status.h"
@@ -75,6 +76,8 @@ class ReplicationThread {
   void StartNewSession(LayerId id, SessionId session, bool is_empty,
                        std::function<void()> on_success, const std::string& failure, Done done);
   void StartAfterRemoval(Done done);
+  void AddOwnScans();
+  void UseOwn();
   void UseNewest();
   void Publish(const std::vector<ReplicationMessage>& messages);
   void UpdateReport(Clock::time_point now);
@@ -95,6 +98,7 @@ class ReplicationThread {
   Clock::time_point next_report_;
   Mutex mutex_;
   Report report_ ABSL_GUARDED_BY(mutex_);
+  std::vector<std::pair<SessionId, SentScan>> own_scans_ ABSL_GUARDED_BY(mutex_);  // to be sent
   std::jthread replicating_;
 };
 

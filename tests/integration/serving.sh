@@ -23,9 +23,10 @@ end_daemon() {
 
 # A follower that comes while the map grows, and one after that; what is recorded in the meantime.
 start_daemon
-lcm-logger --quiet --force recorded.lcmlog &
+lcm-logger --quiet --force --channel='SPLINEMAP_.*' recorded.lcmlog &
 logger=$!
-lcm-logplayer -s 20 office.lcmlog > /dev/null &
+await grep -q SPLINEMAP_DIGESTS recorded.lcmlog  # of the empty map, to which all scans are added
+lcm-logplayer -s 10 office.lcmlog > /dev/null &
 player=$!
 expect 0 splinemap snapshot growing.splinemap --timeout 30
 wait "$player"
