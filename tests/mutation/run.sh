@@ -58,7 +58,7 @@ scans=lib/replication/scan_publisher.cc
 
 mutate tiles_that_are_later_have_the_scan "$follower" 'tiles_\.tree\(\)\.RevisionOf\(key\) >= scan\.revision' 'false'
 mutate tiles_are_not_taken_while_folding "$follower" ' \|\| IsFolding\(\)\) return;' ') return;'
-mutate digests_are_compared_at_their_commit "$follower" 'digest_is_ahead_ && \*folded_ ==' 'false \&\& *folded_ =='
+mutate digests_are_compared_at_their_commit "$follower" 'digest_is_ahead_ && \*folded_ ==' 'false && *folded_ =='
 mutate hashes_that_differ_end_folding "$follower" '\(!is_overtaken && !subset_\.box && !Matches\(\)\)' 'false'
 mutate overtaken_digests_end_folding "$follower" 'overtaken_digests_ >= kMaxOvertakenDigests' 'false'
 mutate misfolds_in_a_row_take_tiles "$follower" '\+\+misfolds_ >= kMaxMisfolds' 'false'

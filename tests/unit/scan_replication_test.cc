@@ -144,6 +144,20 @@ TEST(ScanReplicationTest, AForgedScanIsFoundByTheNextDigest) {
   EXPECT_TRUE(world.AllCaughtUp());
 }
 
+TEST(ScanReplicationTest, AForgedTileIsNotTakenByWhoFoldsScans) {
+  World world({}, {}, 20, Commits::kScans);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  Drive(world, 20);
+  world.Forge({0, 0}, world.OwnersLayer().revision + 5, 77);
+  world.Forge({50, 0}, 1, 77);
+  EXPECT_TRUE(world.IsEqual(0));
+  Drive(world, 20);
+  world.Run(milliseconds(1500));
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_EQ(world.follower(0).counts().misfolded, 0);
+}
+
 TEST(ScanReplicationTest, AForgedScanFarAheadIsForgottenWithTheNextDigest) {
   World world({}, {}, 8, Commits::kScans);
   world.AddFollower();
