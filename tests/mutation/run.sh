@@ -66,7 +66,7 @@ mutate scans_are_tried_again "$follower" 'if \(no_scans_until_ && now >= \*no_sc
 mutate scans_beyond_a_digest_are_forgotten "$follower" 'if \(is_owners\) intake_\.ForgetAfter\(revision\);' ''
 mutate scans_that_are_gone_come_as_tiles "$follower" 'if \(is_lost\) StopFolding\(\);' ''
 mutate parts_find_other_folds "$follower" 'if \(revision <= \*folded_ && known <= revision\) CountMisfold\(now\);' ''
-mutate pushes_of_tiles_are_asked_for "$follower" '\(sends_scans_ && !TakesScans\(\)\)' 'false'
+mutate pushes_of_tiles_are_asked_for lib/replication/layer_follower.h '\(sends_scans_ && !TakesScans\(\)\)' 'false'
 mutate empty_messages_of_scans_tell_nothing "$follower" ' && !scans\.scans\.empty\(\)' ''
 mutate lost_scans_are_asked_for "$intake" 'if \(!gap_ \|\| gap_->due > now\) return std::nullopt;' 'return std::nullopt;'
 mutate others_pulls_of_scans_postpone "$intake" 'if \(!gap_\) return;' 'return;'

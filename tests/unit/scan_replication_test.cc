@@ -72,6 +72,24 @@ TEST(ScanReplicationTest, AGapIsFilledByNumberOnceForAll) {
   EXPECT_LE(world.scans_sent(), 45 + 10);
 }
 
+TEST(ScanReplicationTest, ADigestThatComesBeforeItsScanIsComparedWithIt) {
+  World world({}, {}, 21, Commits::kScans);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  Drive(world, 10);
+  while (!world.DigestWasSent()) world.Step();
+  world.network().SetCut(true);
+  world.Commit(5);
+  world.Step();
+  world.network().SetCut(false);
+  do {
+    world.Step();
+  } while (!world.DigestWasSent());
+  world.Run(milliseconds(400));  // and no other digest comes
+  EXPECT_TRUE(world.AllCaughtUp());
+  EXPECT_TRUE(world.follower(0).matches_digest());
+}
+
 TEST(ScanReplicationTest, WhatIsOlderThanTheScansOfTheOwnerComesAsTiles) {
   World world({}, {}, 5, Commits::kScans);
   world.AddFollower();
@@ -82,7 +100,10 @@ TEST(ScanReplicationTest, WhatIsOlderThanTheScansOfTheOwnerComesAsTiles) {
   world.Run(milliseconds(5000));
   world.network().SetCut(false);
   const int64_t scans = world.scans_sent();
-  Drive(world, 40);
+  const int64_t tiles = world.tiles_sent();
+  Drive(world, 25);
+  EXPECT_GT(world.tiles_sent(), tiles);  // it was told, and did not ask in vain
+  Drive(world, 15);
   world.Run(milliseconds(1500));
   EXPECT_TRUE(world.AllCaughtUp());
   EXPECT_GT(world.tiles_sent(), 0);
