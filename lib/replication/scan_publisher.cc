@@ -121,9 +121,9 @@ void ScanPublisher::Tick(Clock::time_point now, ByteBudget& budget,
   Answer(batch, budget);
   Push(batch, budget);
   GiveUpWhatIsOld(now);
-  next_tick_ = !HasChanges() && !HasPulls()             ? Clock::time_point()
-               : budget.MayPush() && budget.MayAnswer() ? now + kPause
-                                                        : now + kBudgetPause;
+  const bool is_spent = (HasChanges() && !budget.MayPush()) || (HasPulls() && !budget.MayAnswer());
+  next_tick_ =
+      HasChanges() || HasPulls() ? now + (is_spent ? kBudgetPause : kPause) : Clock::time_point();
 }
 
 void ScanPublisher::Answer(Batch& batch, ByteBudget& budget) {

@@ -70,6 +70,10 @@ TEST(ScanReplicationTest, AGapIsFilledByNumberOnceForAll) {
   EXPECT_TRUE(world.AllCaughtUp());
   EXPECT_EQ(world.tiles_sent(), 0);
   EXPECT_LE(world.scans_sent(), 45 + 10);
+  int64_t asked = 0;
+  for (size_t n = 0; n < world.num_followers(); ++n)
+    asked += world.follower(n).counts().asked_scans;
+  EXPECT_LE(asked, 12) << "of 16 that lacked the same";
 }
 
 TEST(ScanReplicationTest, ADigestThatComesBeforeItsScanIsComparedWithIt) {
@@ -108,6 +112,20 @@ TEST(ScanReplicationTest, WhatIsOlderThanTheScansOfTheOwnerComesAsTiles) {
   EXPECT_TRUE(world.AllCaughtUp());
   EXPECT_GT(world.tiles_sent(), 0);
   EXPECT_LE(world.scans_sent(), scans + 60);
+}
+
+TEST(ScanReplicationTest, ThatScansAreGoneIsToldAlsoWhenNoneComes) {
+  World world({}, {}, 22, Commits::kScans);
+  world.AddFollower();
+  world.Run(milliseconds(1500));
+  Drive(world, 10);
+  world.network().SetCut(true);
+  for (int n = 0; n < 6000; ++n) world.Commit(5);
+  world.Run(milliseconds(5000));
+  world.network().SetCut(false);
+  const int64_t tiles = world.tiles_sent();
+  world.Run(milliseconds(2800));
+  EXPECT_GT(world.tiles_sent(), tiles);
 }
 
 TEST(ScanReplicationTest, ScansThatTheBudgetHasNoRoomForComeAsTiles) {
@@ -269,18 +287,83 @@ TEST(ScanReplicationTest, NothingLagsAfterTheLastScan) {
   EXPECT_EQ(world.last_digest().lag_s, 0);
 }
 
-TEST(ScanReplicationTest, FewMessagesGoAtOnce) {
-  World world({}, {}, 19, Commits::kScans);
-  world.AddFollower();
-  world.Run(milliseconds(1500));
-  for (int n = 0; n < 200; ++n) world.Commit(3);
-  int most = 0;
-  while (!world.AllCaughtUp()) {
-    const int64_t before = world.messages_sent();
-    world.Step();
-    most = std::max(most, static_cast<int>(world.messages_sent() - before));
+// A publisher of its own, between whose calls nothing happens.
+class Publisher {
+ public:
+  explicit Publisher(Commits commits)
+      : layer_(map_.AddLayer(kId, {1, 1})),
+        publisher_(commits == Commits::kScans ? mapper_.SnapshotOf(layer_) : layer_.Snapshot(),
+                   kMapOptions, {}) {}
+
+  PyramidPublisher& publisher() { return publisher_; }
+  void Announce(const PosedScan& scan) {
+    publisher_.AddScan(ScanMapper::SentOf(scan, layer_), now_);
   }
-  EXPECT_LE(most, 16);
+  void Map(const PosedScan& scan) {
+    mapper_.Map(scan, layer_);
+    publisher_.SetLayer(mapper_.SnapshotOf(layer_), now_);
+  }
+  std::vector<ReplicationMessage> TickAfter(milliseconds time) {
+    return TickOf(publisher_, now_ += time);
+  }
+
+ private:
+  MapWriter map_{kMapOptions};
+  Layer& layer_;
+  ScanMapper mapper_{Folder()};
+  PyramidPublisher publisher_;
+  Clock::time_point now_ = kNow;
+};
+
+template <typename Message>
+int CountOf(const std::vector<ReplicationMessage>& messages) {
+  return static_cast<int>(std::count_if(messages.begin(), messages.end(), [](const auto& message) {
+    return std::holds_alternative<Message>(message);
+  }));
+}
+
+TEST(ScanReplicationTest, FewMessagesGoAtOnce) {
+  Publisher owner(Commits::kScans);
+  owner.TickAfter(milliseconds(0));
+  Random random(1);
+  for (int n = 0; n < 200; ++n) {
+    const PosedScan scan = RandomScan(random, 5);
+    owner.Announce(scan);
+    owner.Map(scan);
+  }
+  const int at_once = CountOf<layer_scans_t>(owner.TickAfter(milliseconds(10)));
+  EXPECT_GT(at_once, 5);
+  EXPECT_LE(at_once, 12);
+  EXPECT_EQ(owner.TickAfter(milliseconds(1)).size(), 0u);
+  EXPECT_GT(CountOf<layer_scans_t>(owner.TickAfter(milliseconds(1))), 5);
+}
+
+TEST(ScanReplicationTest, ADigestWaitsForTheLayerThatHasTheScansBeforeIt) {
+  Publisher owner(Commits::kScans);
+  EXPECT_EQ(CountOf<layer_digest_t>(owner.TickAfter(milliseconds(0))), 1);
+  Random random(1);
+  const PosedScan scan = RandomScan(random, 5);
+  owner.Announce(scan);
+  const auto before = owner.TickAfter(milliseconds(1000));
+  EXPECT_EQ(CountOf<layer_scans_t>(before), 1);
+  EXPECT_EQ(CountOf<layer_digest_t>(before), 0);
+  owner.Map(scan);
+  EXPECT_EQ(CountOf<layer_digest_t>(owner.TickAfter(milliseconds(1))), 1);
+}
+
+TEST(ScanReplicationTest, AnOwnerWithoutScansDoesNotAnswerForThem) {
+  scan_pull_t pull{};
+  pull.layer = ToMessage(LayerRef{kId, {1, 1}, {}});
+  pull.num_ranges = 1;
+  pull.first = {0};
+  pull.last = {0};
+  for (const Commits commits : {Commits::kTiles, Commits::kScans}) {
+    Publisher owner(commits);
+    owner.TickAfter(milliseconds(0));
+    owner.publisher().HandleScanPull(pull, kNow);
+    EXPECT_EQ(CountOf<layer_scans_t>(owner.TickAfter(milliseconds(1))),
+              commits == Commits::kScans ? 1 : 0);
+  }
 }
 
 TEST(ScanReplicationTest, RecordsThatAreDamagedAreAskedForAgain) {
