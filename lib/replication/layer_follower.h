@@ -229,8 +229,8 @@ class LayerFollower {
     Clock::time_point begin;
     bool is_owners = false;
     bool is_undisturbed = true;  // no tile has changed since
-    bool is_open =
-        false;  // a tile differed that scans on their way will make equal, or have changed
+    // A tile differed that scans on their way will make equal, or have changed since.
+    bool is_open = false;
   };
   std::optional<Check> check_;
   // Tiles with revisions that the owner did not list in this check and in the one before: it has

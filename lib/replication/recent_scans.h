@@ -3,7 +3,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
-#include <memory>
 #include <string>
 
 #include "splinemap/fixed_pose2.h"
@@ -38,22 +37,22 @@ class RecentScans {
   // After all others; where there is a gap before it, those are dropped.
   void Add(SentScan scan) {
     if (!IsEmpty() && scan.revision != newest() + 1) Clear();
-    bytes_ += scan.beams.size();
+    bytes_ += BytesOf(scan);
     scans_.push_back(std::move(scan));
     while (bytes_ > kMaxBytes && scans_.size() > 1) {
-      bytes_ -= scans_.front().beams.size();
+      bytes_ -= BytesOf(scans_.front());
       scans_.pop_front();
     }
   }
   void DropAfter(uint64_t revision) {
     while (!IsEmpty() && newest() > revision) {
-      bytes_ -= scans_.back().beams.size();
+      bytes_ -= BytesOf(scans_.back());
       scans_.pop_back();
     }
   }
   void DropUpTo(uint64_t revision) {
     while (!IsEmpty() && oldest() <= revision) {
-      bytes_ -= scans_.front().beams.size();
+      bytes_ -= BytesOf(scans_.front());
       scans_.pop_front();
     }
   }
@@ -63,6 +62,8 @@ class RecentScans {
   }
 
  private:
+  static size_t BytesOf(const SentScan& scan) { return sizeof(SentScan) + scan.beams.size(); }
+
   std::deque<SentScan> scans_;
   size_t bytes_ = 0;
 };

@@ -12,6 +12,13 @@ void Drive(World& world, int scans, int half_width = 5) {
   }
 }
 
+void LoseMoreScansThanAreKept(World& world) {
+  world.network().SetCut(true);
+  for (int n = 0; n < 6000; ++n) world.Commit(5);
+  world.Run(milliseconds(5000));
+  world.network().SetCut(false);
+}
+
 TEST(ScanReplicationTest, WithoutLossScansAreEnough) {
   World world({}, {}, 1, Commits::kScans);
   for (int n = 0; n < 3; ++n) world.AddFollower();
@@ -99,10 +106,7 @@ TEST(ScanReplicationTest, WhatIsOlderThanTheScansOfTheOwnerComesAsTiles) {
   world.AddFollower();
   world.Run(milliseconds(1500));
   Drive(world, 10);
-  world.network().SetCut(true);
-  for (int n = 0; n < 6000; ++n) world.Commit(5);
-  world.Run(milliseconds(5000));
-  world.network().SetCut(false);
+  LoseMoreScansThanAreKept(world);
   const int64_t scans = world.scans_sent();
   const int64_t tiles = world.tiles_sent();
   Drive(world, 25);
@@ -119,10 +123,7 @@ TEST(ScanReplicationTest, ThatScansAreGoneIsToldAlsoWhenNoneComes) {
   world.AddFollower();
   world.Run(milliseconds(1500));
   Drive(world, 10);
-  world.network().SetCut(true);
-  for (int n = 0; n < 6000; ++n) world.Commit(5);
-  world.Run(milliseconds(5000));
-  world.network().SetCut(false);
+  LoseMoreScansThanAreKept(world);
   const int64_t tiles = world.tiles_sent();
   world.Run(milliseconds(2800));
   EXPECT_GT(world.tiles_sent(), tiles);
