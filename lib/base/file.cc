@@ -74,6 +74,16 @@ bool IsLeftBehind(const std::string& path, const std::string& name) {
   return is_free;
 }
 
+absl::Status Sync(const std::string& path, int flags) {
+  const int descriptor = open(path.c_str(), flags | O_CLOEXEC);
+  const bool is_synced = descriptor >= 0 && fsync(descriptor) == 0;
+  const int error = errno;
+  if (descriptor >= 0) close(descriptor);
+  // The last two: of a file system, or a folder without permission to read, that cannot be asked.
+  if (is_synced || error == EINVAL || error == EACCES) return absl::OkStatus();
+  return Unavailable("cannot bring {} to the disk: {}", path, std::strerror(error));
+}
+
 void RemoveLeftBehind(const std::filesystem::path& path) {
   std::error_code error;
   const std::filesystem::path folder = path.has_parent_path() ? path.parent_path() : ".";
@@ -116,6 +126,13 @@ void RemoveTemporaryFilesAtSignals() {
   }
 }
 
+absl::Status SyncFile(const std::string& path) { return Sync(path, O_RDONLY); }
+
+absl::Status SyncFolderOf(const std::string& path) {
+  const std::filesystem::path folder = std::filesystem::path(path).parent_path();
+  return Sync(folder.empty() ? "." : folder.string(), O_RDONLY | O_DIRECTORY);
+}
+
 NewFile::NewFile(std::string path)
     : path_(std::move(path)),
       temporary_path_(TemporaryPathFor(path_)),
@@ -147,11 +164,17 @@ absl::Status NewFile::Write(std::string_view content) {
 absl::Status NewFile::Commit() {
   // A write that was put off may fail as late as here.
   absl::Status status;
-  if (std::ferror(stream_.get()) != 0 || std::fflush(stream_.get()) != 0) status = Failure();
+  if (std::ferror(stream_.get()) != 0 || std::fflush(stream_.get()) != 0 ||
+      fsync(fileno(stream_.get())) != 0) {
+    status = Failure();
+  }
   if (std::fclose(stream_.release()) != 0) status.Update(Failure());
   if (status.ok() && std::rename(temporary_path().c_str(), path_.c_str()) != 0) status = Failure();
-  if (!status.ok()) std::remove(temporary_path().c_str());
-  return status;
+  if (!status.ok()) {
+    std::remove(temporary_path().c_str());
+    return status;
+  }
+  return SyncFolderOf(path_);
 }
 
 absl::Status NewFile::Failure() const {

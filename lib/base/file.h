@@ -23,9 +23,15 @@ std::string TemporaryPathFor(const std::string& path);
 // process. For programs that do not take these signals themselves.
 void RemoveTemporaryFilesAtSignals();
 
+// Returns when what the file holds, or which names the folder of `path` has, is on the disk.
+// Unavailable where the disk says that it is not. To ask once more mends nothing: the system takes
+// the lost pages for written.
+absl::Status SyncFile(const std::string& path);
+absl::Status SyncFolderOf(const std::string& path);
+
 // A file in the making, under a temporary name beside its own. A reader sees the old content until
-// Commit() and the whole new content afterwards; without a Commit() nothing is left behind, unless
-// the process is killed. Errors name the path and the system's reason. Thread-compatible.
+// Commit() and the whole new content afterwards, also when the power fails; without a Commit()
+// nothing is left behind, unless the process is killed. Errors name the path and the system's reason. Thread-compatible.
 class NewFile {
  public:
   // InvalidArgument for a folder or a device, which would be replaced.
