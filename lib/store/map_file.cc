@@ -16,6 +16,7 @@
 #include "lib/base/status.h"
 #include "lib/layers/validity.h"
 #include "lib/store/map_records.h"
+#include "lib/store/page_scan.h"
 #include "splinemap/file.h"
 
 namespace splinemap {
@@ -23,6 +24,11 @@ namespace {
 
 constexpr int kBusyTimeoutMs = 5000;
 constexpr int kMaxSqliteRowBytes = 1 << 20;
+
+// A failed fsync: what was written since the last may be lost, though it can still be read.
+bool IsFailedSync(int extended_error_code) {
+  return extended_error_code == SQLITE_IOERR_FSYNC || extended_error_code == SQLITE_IOERR_DIR_FSYNC;
+}
 
 absl::Status ToStatus(const std::string& path, const SQLite::Exception& exception) {
   switch (exception.getErrorCode()) {
@@ -43,6 +49,11 @@ absl::Status ToStatus(const std::string& path, const SQLite::Exception& exceptio
           path);
     case SQLITE_BUSY:
       return Unavailable("{} is in use by another process", path);
+    case SQLITE_IOERR:
+      return Unavailable("{}: the disk {}", path,
+                         IsFailedSync(exception.getExtendedErrorCode())
+                             ? "did not keep what was written to it"
+                             : "failed");
     default:
       return Unavailable("{}: {}", path, exception.what());
   }
@@ -65,17 +76,6 @@ size_t CountTiles(const LayerSet& map) {
   return tiles;
 }
 
-// Gives the closed map `from` the name of `to`.
-absl::Status MoveOver(const std::string& from, const std::string& to) {
-  std::error_code error;
-  // What an old map has in files beside it would be taken for the new one's.
-  std::filesystem::remove(to + "-wal", error);
-  std::filesystem::remove(to + "-shm", error);
-  std::filesystem::rename(from, to, error);
-  if (error) return Unavailable("cannot write {}: {}", to, error.message());
-  return absl::OkStatus();
-}
-
 // Runs `work`, which may throw what SQLiteCpp throws, and returns its status.
 template <typename Work>
 auto WithStatus(const std::string& path, Work work) -> decltype(work()) {
@@ -84,6 +84,37 @@ auto WithStatus(const std::string& path, Work work) -> decltype(work()) {
   } catch (const SQLite::Exception& exception) {
     return ToStatus(path, exception);
   }
+}
+
+// Brings the commits of a database that stand beside it alone into its one file.
+absl::Status BringTogether(const std::string& path) {
+  std::error_code error;
+  if (!std::filesystem::exists(path + "-wal", error) &&
+      !std::filesystem::exists(path + "-journal", error)) {
+    return absl::OkStatus();
+  }
+  const absl::Status status = WithStatus(path, [&]() -> absl::Status {
+    const std::unique_ptr<SQLite::Database> database = Connect(path, SQLite::OPEN_READWRITE);
+    const bool is_read = database->execAndGet("PRAGMA wal_checkpoint(TRUNCATE)").getInt() != 0;
+    return is_read ? Unavailable("{} is in use by another process", path) : absl::OkStatus();
+  });
+  if (!absl::IsDataLoss(status) && !absl::IsInvalidArgument(status)) return status;
+  return PagesHoldMap(path) ? CheckpointPages(path) : absl::OkStatus();
+}
+
+// Gives the closed map `from` the name of `to`. Whenever the power fails, `to` is the old map with
+// all of its commits, or the new one.
+absl::Status MoveOver(const std::string& from, const std::string& to) {
+  std::error_code error;
+  if (std::filesystem::exists(to, error)) SPLINEMAP_RETURN_IF_ERROR(BringTogether(to));
+  // What an old map has in files beside it would be taken for the new one's.
+  for (const char* beside : {"-wal", "-shm", "-journal"}) {
+    std::filesystem::remove(to + beside, error);
+  }
+  SPLINEMAP_RETURN_IF_ERROR(SyncFolderOf(to));
+  std::filesystem::rename(from, to, error);
+  if (error) return Unavailable("cannot write {}: {}", to, error.message());
+  return SyncFolderOf(to);
 }
 
 }  // namespace
@@ -139,7 +170,11 @@ absl::Status MapFile::Close() {
     if (lock_ == nullptr) return absl::OkStatus();  // a reader
     database->exec("PRAGMA wal_checkpoint(TRUNCATE)");
     // Fails while another process reads; then the empty files beside stay.
-    sqlite3_exec(database->getHandle(), "PRAGMA journal_mode = DELETE", nullptr, nullptr, nullptr);
+    const int error = sqlite3_exec(database->getHandle(), "PRAGMA journal_mode = DELETE", nullptr,
+                                   nullptr, nullptr);
+    if (error == SQLITE_IOERR || error == SQLITE_FULL) {
+      throw SQLite::Exception(database->getHandle(), error);
+    }
     return absl::OkStatus();
   });
 }
@@ -259,21 +294,33 @@ absl::StatusOr<std::vector<std::string>> MapFile::Save(const LayerSet& set) {
     return FailedPrecondition("{} was deleted or replaced while it was in use", path_);
   }
   if (!damage_.ok()) return Renew(set);
+  bool is_failed_sync = false;
   absl::StatusOr<Problems> saved = WithStatus(path_, [&]() -> absl::StatusOr<Problems> {
     if (!database_) return FailedPrecondition("{} is closed", path_);
-    SQLite::Transaction transaction(*database_, SQLite::TransactionBehavior::IMMEDIATE);
-    Written written = WriteMap(set, saved_, *database_);
-    transaction.commit();
-    // So that a copy of the one file has all. Waits for nobody: what readers hold up comes with the
-    // next.
-    sqlite3_wal_checkpoint_v2(database_->getHandle(), nullptr, SQLITE_CHECKPOINT_PASSIVE, nullptr,
-                              nullptr);
-    saved_ = std::move(written.saved);
-    return std::move(written.left_out);
+    try {
+      SQLite::Transaction transaction(*database_, SQLite::TransactionBehavior::IMMEDIATE);
+      Written written = WriteMap(set, saved_, *database_);
+      transaction.commit();
+      // So that a copy of the one file has all. Waits for nobody: what readers hold up comes with
+      // the next.
+      sqlite3* const handle = database_->getHandle();
+      sqlite3_wal_checkpoint_v2(handle, nullptr, SQLITE_CHECKPOINT_PASSIVE, nullptr, nullptr);
+      if (IsFailedSync(sqlite3_extended_errcode(handle))) throw SQLite::Exception(handle);
+      saved_ = std::move(written.saved);
+      return std::move(written.left_out);
+    } catch (const SQLite::Exception& exception) {
+      is_failed_sync = IsFailedSync(exception.getExtendedErrorCode());
+      throw;
+    }
   });
-  if (!absl::IsDataLoss(saved.status())) return saved;
+  if (!is_failed_sync && !absl::IsDataLoss(saved.status())) return saved;
   damage_ = saved.status();
   database_ = nullptr;
+  if (is_failed_sync) {
+    SPLINEMAP_ASSIGN_OR_RETURN(Problems problems, Renew(set));
+    problems.push_back(fmt::format("{}; it is written anew", ErrorText(saved.status())));
+    return problems;
+  }
   SPLINEMAP_ASSIGN_OR_RETURN(const std::string copy, KeepDamaged());
   SPLINEMAP_ASSIGN_OR_RETURN(Problems problems, Renew(set));
   problems.push_back(
@@ -295,13 +342,17 @@ absl::StatusOr<std::string> MapFile::KeepDamaged() const {
     if (!std::filesystem::exists(path_ + beside, error)) continue;
     if (std::filesystem::exists(copy + beside, error)) continue;
     std::filesystem::create_hard_link(path_ + beside, copy + beside, error);
-    if (error) std::filesystem::copy_file(path_ + beside, copy + beside, error);
-    if (error) {
-      std::filesystem::remove(copy + beside, error);
+    if (!error) continue;
+    const std::string part = TemporaryPathFor(copy);
+    std::filesystem::copy_file(path_ + beside, part, error);
+    if (!error && SyncFile(part).ok()) std::filesystem::rename(part, copy + beside, error);
+    if (!std::filesystem::exists(copy + beside)) {
+      std::filesystem::remove(part, error);
       return Unavailable("{} is damaged, and no copy of it can be kept: cannot write {}", path_,
                          copy);
     }
   }
+  SPLINEMAP_RETURN_IF_ERROR(SyncFolderOf(copy));
   return copy;
 }
 

@@ -11,6 +11,8 @@
 #include <optional>
 #include <vector>
 
+#include "absl/cleanup/cleanup.h"
+#include "lib/base/file.h"
 #include "lib/base/status.h"
 
 namespace splinemap {
@@ -258,6 +260,23 @@ absl::Status ForEachRowOfPages(
     }
   }
   return absl::OkStatus();
+}
+
+absl::Status CheckpointPages(const std::string& path) {
+  const File log(path + "-wal");
+  const std::map<uint32_t, size_t> in_log = PagesOfLog(log);
+  const int file = open(path.c_str(), O_WRONLY | O_CLOEXEC);
+  if (file < 0) return Unavailable("cannot write {}: {}", path, std::strerror(errno));
+  const absl::Cleanup close_file = [&] { close(file); };
+  Page page{};
+  for (const auto& [number, place] : in_log) {
+    log.Read(place, absl::MakeSpan(page));
+    const auto at = static_cast<off_t>((size_t{number} - 1) * kPageBytes);
+    if (pwrite(file, page.data(), page.size(), at) != static_cast<ssize_t>(page.size())) {
+      return Unavailable("cannot write {}: {}", path, std::strerror(errno));
+    }
+  }
+  return SyncFile(path);
 }
 
 }  // namespace splinemap

@@ -26,4 +26,9 @@ absl::Status ForEachRowOfPages(
     const std::string& path,
     absl::FunctionRef<void(int64_t rowid, absl::Span<const PageColumn> columns)> visit);
 
+// Writes the pages that whole transactions have put into the -wal beside into the file, and brings
+// it to the disk: a checkpoint, of a file that SQLite does not open. Unavailable where it cannot be
+// written.
+absl::Status CheckpointPages(const std::string& path);
+
 }  // namespace splinemap
