@@ -44,11 +44,11 @@ Difference Compare(const TileTree& a, const TileTree& b) {
     }
   };
   a.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    const Tile* other = b.Find(key);
-    compare(*entry.tile, other == nullptr ? kZeros : *other);
+    const std::shared_ptr<const Tile> other = FindTile(b, key);
+    compare(*entry.tile->Get(), other == nullptr ? kZeros : *other);
   });
   b.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    if (a.Find(key) == nullptr) compare(*entry.tile, kZeros);
+    if (a.Find(key) == nullptr) compare(*entry.tile->Get(), kZeros);
   });
   return difference;
 }

@@ -85,7 +85,7 @@ LayerRow RowOf(const LayerSnapshot& layer, const LayerSettings& settings, double
                             0,
                             std::nullopt};
   layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    content.hash += TileChecksum(key, *entry.tile);
+    content.hash += entry.tile->Checksum(key);
   });
   return {layer.id,
           content,

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <numbers>
+#include <set>
 
 #include "absl/container/flat_hash_set.h"
 #include "lib/query/footprint.h"
@@ -108,21 +109,24 @@ Offset DistanceField::OffsetAt(TileKey home, const DistanceTile& tile, int32_t i
 }
 
 DistancesQuery::Distance DistanceField::Search(const Eigen::Vector2d& point_m) const {
-  ObstacleSearch search(*map_, bounds_, options_.occupied_log_odds, options_.unknown);
+  ObstacleSearch search(bounds_, options_.occupied_log_odds, options_.unknown);
   return FindDistance(search, point_m, options_.max_distance_m, map_->options.knot_interval_m);
 }
 
 DistanceField DistanceFieldEditor::Update(std::shared_ptr<const MapView> map) {
-  const uint64_t line = bounds_.tiles.lineage();
-  const uint64_t session = bounds_.tiles.version();
-  bounds_ = bounds_editor_.Update(*map);
-  const bool goes_on = bounds_.tiles.lineage() == line &&
+  const bool goes_on = nothing_near_ != nullptr && map->tiles.lineage() == map_->tiles.lineage() &&
+                       map->tiles.version() >= map_->tiles.version() &&
                        map->options.knot_interval_m == map_->options.knot_interval_m;
   if (!goes_on) BeginAnew(*map);
+  bounds_.Use(map);
+  std::set<TileKey> around;
+  map->tiles.ForEachChanged(map_->tiles.version(), [&](TileKey key, const TileTree::Entry&) {
+    ForEachAround(key, [&](TileKey beside) { around.insert(beside); });
+  });
   std::vector<TileKey> touched;
-  bounds_.tiles.ForEachChanged(
-      goes_on ? session : 0,
-      [&](TileKey key, const KeyTree<TileBounds>::Entry&) { touched.push_back(key); });
+  for (const TileKey key : around) {
+    if (bounds_.Find(key) != nullptr) touched.push_back(key);
+  }
 
   absl::flat_hash_map<TileKey, BlockMask> marked;
   if (options_.unknown == UnknownPolicy::kBlocked) {
@@ -177,8 +181,7 @@ std::vector<DistanceFieldEditor::Change> DistanceFieldEditor::UpdateObstacles(
                             options_.unknown);
   for (const TileKey key : touched) {
     ObstacleSquares squares = SquaresAt(key);
-    finder.Update(key, *bounds_.tiles.Find(key), ChangedCells(map_->tiles, map.tiles, key),
-                  squares);
+    finder.Update(key, *bounds_.Find(key), ChangedCells(map_->tiles, map.tiles, key), squares);
     AddChanges(key, SquaresAt(key), squares, changes);
     if (options_.unknown == UnknownPolicy::kFree && squares.IsEmpty()) {
       obstacles_.erase(key);

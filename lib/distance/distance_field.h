@@ -133,7 +133,6 @@ class DistanceFieldEditor {
 
   const DistanceFieldOptions options_;
   std::shared_ptr<const MapView> map_ = std::make_shared<const MapView>();
-  SurfaceBoundsEditor bounds_editor_;
   SurfaceBounds bounds_;
   // To what vertices may be from what counts, in eighths of a knot interval; and in tiles.
   int32_t reach_ = 0;

@@ -8,24 +8,26 @@
 namespace splinemap {
 
 CellMask ChangedCells(const TileTree& before, const TileTree& after, TileKey key) {
-  static constexpr Tile kUntouched;
+  static const StoredTile kUntouched;
   // The control points that decide the cells, from -1 to 33 of the tile: bit x + 1 of row y + 1.
   constexpr int kSide = Tile::kSide + 3;
   std::array<uint64_t, kSide> changed{};
   for (int dy = -1; dy <= 1; ++dy) {
     for (int dx = -1; dx <= 1; ++dx) {
       const TileKey neighbour{key.tx + dx, key.ty + dy};
-      const Tile* was = before.Find(neighbour);
-      const Tile* is = after.Find(neighbour);
+      const StoredTile* was = before.Find(neighbour);
+      const StoredTile* is = after.Find(neighbour);
       if (was == is) continue;
       if (was == nullptr) was = &kUntouched;
       if (is == nullptr) is = &kUntouched;
+      const std::shared_ptr<const Tile> a = was->Get();
+      const std::shared_ptr<const Tile> b = is->Get();
       const int x0 = Tile::kSide * dx;
       const int y0 = Tile::kSide * dy;
       for (int y = std::max(y0, -1); y < std::min(y0 + Tile::kSide, kSide - 1); ++y) {
         for (int x = std::max(x0, -1); x < std::min(x0 + Tile::kSide, kSide - 1); ++x) {
           const int index = IndexInTile(x, y);
-          changed[y + 1] |= uint64_t{was->control_points[index] != is->control_points[index]}
+          changed[y + 1] |= uint64_t{a->control_points[index] != b->control_points[index]}
                             << (x + 1);
         }
       }

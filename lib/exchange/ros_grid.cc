@@ -330,7 +330,7 @@ absl::StatusOr<TileTree> TilesOf(const RosGrid& grid, const CellWeights& weights
                                                         ty * Tile::kSide + k / Tile::kSide);
       }
       if (CountTouched(tile) == 0) continue;
-      tiles.Put({tx, ty}, std::make_shared<const Tile>(tile), kRevision);
+      tiles.Put({tx, ty}, std::make_shared<const StoredTile>(tile), kRevision);
     }
   }
   return tiles.Freeze();

@@ -5,7 +5,7 @@
 
 namespace splinemap {
 
-void Layer::RestoreTile(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision) {
+void Layer::RestoreTile(TileKey key, std::shared_ptr<const StoredTile> tile, uint64_t revision) {
   if (tiles().Find(key) != nullptr && tiles().RevisionOf(key) >= revision) return;
   tiles_.Put(key, std::move(tile), revision);
   RestoreRevision(revision);

@@ -8,30 +8,15 @@
 
 namespace splinemap {
 
-LayerExtent::Touched LayerExtent::TouchedOf(const Tile& tile) {
-  Touched touched{.i0 = Tile::kSide, .j0 = Tile::kSide, .i1 = -1, .j1 = -1};
-  for (int k = 0; k < Tile::kSize; ++k) {
-    if (tile.control_points[k] == 0) continue;
-    const auto i = static_cast<int8_t>(k % Tile::kSide);
-    const auto j = static_cast<int8_t>(k / Tile::kSide);
-    ++touched.points;
-    touched.i0 = std::min(touched.i0, i);
-    touched.j0 = std::min(touched.j0, j);
-    touched.i1 = std::max(touched.i1, i);
-    touched.j1 = std::max(touched.j1, j);
-  }
-  return touched;
-}
-
-void LayerExtent::Set(TileKey key, const Tile& tile) {
-  Touched& touched = tiles_[key];
-  points_ -= touched.points;
-  touched = TouchedOf(tile);
-  points_ += touched.points;
+void LayerExtent::Set(TileKey key, const TouchedPoints& touched) {
+  TouchedPoints& known = tiles_[key];
+  points_ += touched.points - known.points;
+  known = touched;
 }
 
 void LayerExtent::SetAll(const TileTree& tiles) {
-  tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) { Set(key, *entry.tile); });
+  tiles.ForEach(
+      [&](TileKey key, const TileTree::Entry& entry) { Set(key, entry.tile->Touched()); });
 }
 
 double LayerExtent::area_m2(double knot_interval_m) const {

@@ -16,7 +16,7 @@ namespace splinemap {
 class LayerExtent {
  public:
   // Adds a tile, or replaces it.
-  void Set(TileKey key, const Tile& tile);
+  void Set(TileKey key, const TouchedPoints& touched);
   void SetAll(const TileTree& tiles);
 
   double area_m2(double knot_interval_m) const;
@@ -25,16 +25,7 @@ class LayerExtent {
   std::optional<Region> Box(const FixedPose2& map_T_layer, double knot_interval_m) const;
 
  private:
-  struct Touched {
-    int16_t points = 0;
-    int8_t i0 = 0;  // the box around them, its last row and column included
-    int8_t j0 = 0;
-    int8_t i1 = 0;
-    int8_t j1 = 0;
-  };
-  static Touched TouchedOf(const Tile& tile);
-
-  absl::flat_hash_map<TileKey, Touched> tiles_;
+  absl::flat_hash_map<TileKey, TouchedPoints> tiles_;
   int64_t points_ = 0;
 };
 

@@ -82,11 +82,10 @@ void LayerPyramid::FindChanges(size_t level) {
 
 void LayerPyramid::Make(Level& level, const Trees& finer, TileKey key) {
   for (int statistic = 0; statistic < kNumStatistics; ++statistic) {
-    auto tile =
-        std::make_shared<const Tile>(CoarserTile(finer[statistic], key, Statistic(statistic)));
-    const Tile* before = level.tiles[statistic].tree().Find(key);
-    if (before == nullptr ? *tile == Tile() : *tile == *before) continue;
-    level.tiles[statistic].Put(key, std::move(tile), at_work_.revision);
+    const Tile tile = CoarserTile(finer[statistic], key, Statistic(statistic));
+    const auto before = FindTile(level.tiles[statistic].tree(), key);
+    if (tile == (before == nullptr ? Tile() : *before)) continue;
+    level.tiles[statistic].Put(key, std::make_shared<const StoredTile>(tile), at_work_.revision);
   }
 }
 

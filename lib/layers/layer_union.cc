@@ -12,8 +12,8 @@ bool HasEqualTiles(const LayerSnapshot& a, const LayerSnapshot& b) {
   if (a.tiles.size() != b.tiles.size()) return false;
   bool is_equal = true;
   a.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    const Tile* other = b.tiles.Find(key);
-    is_equal = is_equal && other != nullptr && (other == entry.tile.get() || *other == *entry.tile);
+    const StoredTile* other = b.tiles.Find(key);
+    is_equal = is_equal && other != nullptr && HaveEqualContent(*other, *entry.tile);
   });
   return is_equal;
 }
@@ -24,13 +24,17 @@ LayerSnapshot Merge(const LayerSnapshot& a, const LayerSnapshot& b, int64_t& con
   if (a.session != b.session) return a.session < b.session ? b : a;
   TileTreeEditor tiles(a.tiles);
   b.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    const Tile* tile = a.tiles.Find(key);
+    const StoredTile* tile = a.tiles.Find(key);
     if (tile != nullptr) {
       const uint64_t revision = a.tiles.RevisionOf(key);
-      const bool is_contradiction = revision == entry.revision && *tile != *entry.tile;
+      const bool is_contradiction =
+          revision == entry.revision && !HaveEqualContent(*tile, *entry.tile);
       conflicting_tiles += is_contradiction ? 1 : 0;
       if (revision > entry.revision) return;
-      if (revision == entry.revision && tile->control_points >= entry.tile->control_points) return;
+      if (revision == entry.revision &&
+          tile->Get()->control_points >= entry.tile->Get()->control_points) {
+        return;
+      }
     }
     tiles.Put(key, entry.tile, entry.revision);
   });

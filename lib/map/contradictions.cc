@@ -54,8 +54,9 @@ void VisitComparedPoints(const LayerSet& set, const MapView& sum, ComparedPointV
         Placed(layer.tiles, KnotPlacement(settings.placement, set.options.knot_interval_m));
     OtherLayers others(sum.tiles, placed);
     placed.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+      const std::shared_ptr<const Tile> tile = entry.tile->Get();
       for (int k = 0; k < Tile::kSize; ++k) {
-        if (entry.tile->control_points[k] < kCertain) continue;
+        if (tile->control_points[k] < kCertain) continue;
         const int32_t i = Tile::kSide * key.tx + k % Tile::kSide;
         const int32_t j = Tile::kSide * key.ty + k / Tile::kSide;
         if (others.Knows(i, j)) visit(layer.id, i, j, others.IsFreeAround(i, j));

@@ -12,7 +12,7 @@ class ControlPointReader {
   int At(int32_t i, int32_t j) {
     if (const TileKey key = TileOf(i, j); !is_read_ || key != key_) {
       key_ = key;
-      tile_ = tiles_.Find(key);
+      tile_ = FindTile(tiles_, key);
       is_read_ = true;
     }
     return tile_ == nullptr ? 0 : tile_->control_points[IndexInTile(i, j)];
@@ -22,7 +22,7 @@ class ControlPointReader {
   const TileTree& tiles_;
   bool is_read_ = false;
   TileKey key_;
-  const Tile* tile_ = nullptr;
+  std::shared_ptr<const Tile> tile_;
 };
 
 }  // namespace splinemap

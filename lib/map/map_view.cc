@@ -9,7 +9,10 @@
 namespace splinemap {
 namespace {
 
-constexpr Tile kUntouched;
+using SharedTile = std::shared_ptr<const Tile>;
+
+// Who has nothing to keep alive.
+const SharedTile kUntouched = std::make_shared<const Tile>();
 
 RowWord LoadRow(const ControlPoint* first) {
   RowWord word;
@@ -22,10 +25,7 @@ bool IsInOneTile(int32_t i, int32_t j) {
   return (i & (Tile::kSide - 1)) <= kLast && (j & (Tile::kSide - 1)) <= kLast;
 }
 
-const Tile* FindTile(const TileTree& tiles, TileKey key) {
-  const Tile* tile = tiles.Find(key);
-  return tile == nullptr ? &kUntouched : tile;
-}
+SharedTile ContentOf(const StoredTile* tile) { return tile == nullptr ? kUntouched : tile->Get(); }
 
 // The tiles that a patch may need: of its first control point, and those next in x and y, which are
 // the first again where the patch does not reach them.
@@ -44,12 +44,12 @@ struct CrossingPatch {
 
   CrossingPatch() = default;
   // Requires the tiles of SquareOf(i, j).
-  CrossingPatch(const Tile* const* square, int32_t i, int32_t j) {
+  CrossingPatch(const SharedTile* square, int32_t i, int32_t j) {
     constexpr int kLast = Tile::kSide - 4;
     const int column = std::min(i & (Tile::kSide - 1), kLast);
     bits = 16 * ((i & (Tile::kSide - 1)) - column);
     for (int row = 0; row < 4; ++row) {
-      const Tile* const* tiles = square + 2 * (((j + row) >> 5) - (j >> 5));
+      const SharedTile* tiles = square + 2 * (((j + row) >> 5) - (j >> 5));
       left[row] = &tiles[0]->control_points[IndexInTile(column, j + row)];
       right[row] = &tiles[1]->control_points[IndexInTile(0, j + row)];
     }
@@ -64,13 +64,13 @@ struct CrossingPatch {
 PatchRows LoadRows(const TileTree& tiles, int32_t i, int32_t j) {
   PatchRows rows;
   if (IsInOneTile(i, j)) {
-    const Tile& tile = *FindTile(tiles, TileOf(i, j));
-    const ControlPoint* first = &tile.control_points[IndexInTile(i, j)];
+    const SharedTile tile = ContentOf(tiles.Find(TileOf(i, j)));
+    const ControlPoint* first = &tile->control_points[IndexInTile(i, j)];
     for (int row = 0; row < 4; ++row) rows[row] = LoadRow(first + Tile::kSide * row);
   } else {
     const std::array<TileKey, 4> keys = SquareOf(i, j);
-    std::array<const Tile*, 4> square;
-    for (int k = 0; k < 4; ++k) square[k] = FindTile(tiles, keys[k]);
+    std::array<SharedTile, 4> square;
+    for (int k = 0; k < 4; ++k) square[k] = ContentOf(tiles.Find(keys[k]));
     const CrossingPatch patch(square.data(), i, j);
     for (int row = 0; row < 4; ++row) rows[row] = patch.Row(row);
   }
@@ -123,8 +123,8 @@ class BlockEvaluator {
       key_indices_[n] = square_begin;
       crossing_[num_crossing_++] = n;
     }
-    map_.tiles.FindMany({keys_.data(), static_cast<size_t>(num_keys)}, absl::MakeSpan(tiles_));
-    for (int k = 0; k < num_keys; ++k) tiles_[k] = tiles_[k] == nullptr ? &kUntouched : tiles_[k];
+    map_.tiles.FindMany({keys_.data(), static_cast<size_t>(num_keys)}, absl::MakeSpan(found_));
+    for (int k = 0; k < num_keys; ++k) tiles_[k] = ContentOf(found_[k]);
   }
 
   void LoadRows(int count) {
@@ -135,7 +135,7 @@ class BlockEvaluator {
     for (int k = 0; k < num_crossing_; ++k) {
       const int n = crossing_[k];
       patches_[k] = CrossingPatch(&tiles_[key_indices_[n]], block_.i[n], block_.j[n]);
-      firsts_[n] = kUntouched.control_points.data();
+      firsts_[n] = kUntouched->control_points.data();
     }
     for (int n = 0; n < count; ++n) {
       for (int row = 0; row < 4; ++row) {
@@ -153,7 +153,8 @@ class BlockEvaluator {
 
   PointBlock block_;
   std::array<TileKey, 4 * PointBlock::kSize> keys_;
-  std::array<const Tile*, 4 * PointBlock::kSize> tiles_;  // by key
+  std::array<const StoredTile*, 4 * PointBlock::kSize> found_;  // by key
+  std::array<SharedTile, 4 * PointBlock::kSize> tiles_;         // the same
   // By point: its tile, or the first of the four of its square.
   std::array<int, PointBlock::kSize> key_indices_;
   std::array<const ControlPoint*, PointBlock::kSize> firsts_;

@@ -27,10 +27,11 @@ std::set<Knot> ObstaclesWithout(const TileTree& with, const TileTree& without) {
   std::set<Knot> knots;
   with.ForEach([&](TileKey key, const TileTree::Entry& entry) {
     if (without.Find(key) == entry.tile.get()) return;
+    const std::shared_ptr<const Tile> tile = entry.tile->Get();
     for (int k = 0; k < Tile::kSize; ++k) {
       const Knot knot{Tile::kSide * key.tx + k % Tile::kSide,
                       Tile::kSide * key.ty + k / Tile::kSide};
-      if (entry.tile->control_points[k] >= kSure && is_free_around(knot)) knots.insert(knot);
+      if (tile->control_points[k] >= kSure && is_free_around(knot)) knots.insert(knot);
     }
   });
   return knots;

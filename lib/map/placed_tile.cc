@@ -57,7 +57,8 @@ class Window {
   void Add(const TileTree& layer, const KnotRange& box, int64_t tx, int64_t ty) {
     constexpr int64_t kMax = kMaxKnotIndex >> 5;
     if (std::max(std::abs(tx), std::abs(ty)) > kMax) return;
-    const Tile* tile = layer.Find({static_cast<int32_t>(tx), static_cast<int32_t>(ty)});
+    const std::shared_ptr<const Tile> tile =
+        FindTile(layer, {static_cast<int32_t>(tx), static_cast<int32_t>(ty)});
     if (tile == nullptr) return;
     is_empty_ = false;
     const int64_t i_begin = std::max(box.i0, kSide * tx);
@@ -245,11 +246,10 @@ std::vector<TileKey> KeysOfPlaced(TileKey key, const KnotPlacement& placement) {
   return keys;
 }
 
-const Tile* PlaceTile(const TileTree& layer, TileKey key, const KnotPlacement& placement,
-                      Tile& tile) {
+bool PlaceTile(const TileTree& layer, TileKey key, const KnotPlacement& placement, Tile& tile) {
   const KnotRange of_map = KnotsOf(key);
   const Window window(layer, placement.ToLayer(of_map));
-  if (window.IsEmpty()) return nullptr;
+  if (window.IsEmpty()) return false;
   std::array<ControlPoint, Tile::kSize>& points = tile.control_points;
   if (placement.IsShift()) {
     for (int j = 0; j < kSide; ++j) window.CopyRow(j, kSide, &points[kSide * j]);
@@ -267,9 +267,20 @@ const Tile* PlaceTile(const TileTree& layer, TileKey key, const KnotPlacement& p
                                                       : Interpolated(window, x, y, nearest);
     }
   }
-  const bool is_known =
-      std::any_of(points.begin(), points.end(), [](ControlPoint point) { return point != 0; });
-  return is_known ? &tile : nullptr;
+  return std::any_of(points.begin(), points.end(), [](ControlPoint point) { return point != 0; });
+}
+
+std::vector<TileKey> KeysUnder(TileKey key, const KnotPlacement& placement) {
+  const KnotRange box = placement.ToLayer(KnotsOf(key));
+  std::vector<TileKey> keys;
+  for (int64_t ty = box.j0 >> 5; ty <= box.j1 >> 5; ++ty) {
+    for (int64_t tx = box.i0 >> 5; tx <= box.i1 >> 5; ++tx) {
+      constexpr int64_t kMax = kMaxKnotIndex >> 5;
+      if (std::max(std::abs(tx), std::abs(ty)) > kMax) continue;
+      keys.push_back({static_cast<int32_t>(tx), static_cast<int32_t>(ty)});
+    }
+  }
+  return keys;
 }
 
 TileTree Placed(const TileTree& layer, const KnotPlacement& placement) {
@@ -281,7 +292,9 @@ TileTree Placed(const TileTree& layer, const KnotPlacement& placement) {
   TileTreeEditor placed;
   for (const TileKey key : keys) {
     Tile tile;
-    if (PlaceTile(layer, key, placement, tile) != nullptr) placed.Edit(key, 0) = tile;
+    if (PlaceTile(layer, key, placement, tile)) {
+      placed.Put(key, std::make_shared<const StoredTile>(tile), 0);
+    }
   }
   return placed.Freeze();
 }

@@ -43,8 +43,8 @@ class KnotPlacement {
 
  private:
   friend std::vector<TileKey> KeysOfPlaced(TileKey key, const KnotPlacement& placement);
-  friend const Tile* PlaceTile(const TileTree& layer, TileKey key, const KnotPlacement& placement,
-                               Tile& tile);
+  friend bool PlaceTile(const TileTree& layer, TileKey key, const KnotPlacement& placement,
+                        Tile& tile);
 
   // A place in the layer, in knot intervals.
   struct Place {
@@ -75,9 +75,11 @@ inline bool IsApproximate(const FixedPose2& map_T_layer, double knot_interval_m)
 std::vector<TileKey> KeysOfPlaced(TileKey key, const KnotPlacement& placement);
 
 // Makes a tile of the map, which has to be all zeros: a control point is known where the nearest
-// one of the layer is. Null where none is.
-const Tile* PlaceTile(const TileTree& layer, TileKey key, const KnotPlacement& placement,
-                      Tile& tile);
+// one of the layer is. False where none is.
+bool PlaceTile(const TileTree& layer, TileKey key, const KnotPlacement& placement, Tile& tile);
+
+// The tiles of the layer that one of the map is made of.
+std::vector<TileKey> KeysUnder(TileKey key, const KnotPlacement& placement);
 
 // All of a layer, in the map.
 TileTree Placed(const TileTree& layer, const KnotPlacement& placement);

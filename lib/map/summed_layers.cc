@@ -7,6 +7,56 @@
 #include "lib/tiles/sum_tiles.h"
 
 namespace splinemap {
+namespace {
+
+// A tile of the sum, made when somebody asks for it.
+class TileSum : public TileSource {
+ public:
+  // The tiles of a layer that have a part in it.
+  struct Part {
+    bool low_weight;
+    KnotPlacement placement;
+    std::vector<std::pair<TileKey, std::shared_ptr<const StoredTile>>> tiles;
+  };
+
+  TileSum(TileKey key, std::vector<Part> parts, ControlLimits limits,
+          std::shared_ptr<TileMemory> memory)
+      : TileSource(std::move(memory)), key_(key), parts_(std::move(parts)), limits_(limits) {}
+
+  std::shared_ptr<const Tile> Load(int64_t /*number*/) override {
+    std::deque<std::shared_ptr<const Tile>> held;
+    std::vector<const Tile*> tiles;
+    std::vector<const Tile*> low_weight_tiles;
+    for (const Part& part : parts_) {
+      held.push_back(ContentOf(part));
+      (part.low_weight ? low_weight_tiles : tiles).push_back(held.back().get());
+    }
+    Tile low_sum;
+    if (!low_weight_tiles.empty()) {
+      const ControlLimits within{static_cast<ControlPoint>(limits_.min * 4 / 5),
+                                 static_cast<ControlPoint>(limits_.max * 4 / 5)};
+      low_sum = SumTiles(low_weight_tiles, within);
+      tiles.push_back(&low_sum);
+    }
+    return std::make_shared<const Tile>(SumTiles(tiles, limits_));
+  }
+
+ private:
+  std::shared_ptr<const Tile> ContentOf(const Part& part) const {
+    if (part.placement.IsIdentity()) return part.tiles.front().second->Get();
+    TileTreeEditor layer;
+    for (const auto& [key, tile] : part.tiles) layer.Put(key, tile, 0);
+    auto placed = std::make_shared<Tile>();
+    PlaceTile(layer.tree(), key_, part.placement, *placed);
+    return placed;
+  }
+
+  const TileKey key_;
+  const std::vector<Part> parts_;
+  const ControlLimits limits_;
+};
+
+}  // namespace
 
 std::shared_ptr<const MapView> SummedLayers::Update(const LayerSet& set) {
   auto view = std::make_shared<MapView>();
@@ -52,27 +102,27 @@ TileTree SummedLayers::Sum(const LayerSet& set) {
 
 void SummedLayers::SumTile(TileKey key, const std::vector<Summand>& summands,
                            ControlLimits limits) {
-  std::vector<const Tile*>& tiles = tiles_;
-  std::vector<const Tile*>& low = low_weight_tiles_;
-  std::deque<Tile> placed;
-  tiles.clear();
-  low.clear();
+  std::vector<TileSum::Part> parts;
   for (const Summand& summand : summands) {
     const TileTree& layer = summand.layer->tiles;
-    const Tile* tile = summand.placement.IsIdentity()
-                           ? layer.Find(key)
-                           : PlaceTile(layer, key, summand.placement, placed.emplace_back());
-    if (tile != nullptr) (summand.low_weight ? low : tiles).push_back(tile);
+    TileSum::Part part{summand.low_weight, summand.placement, {}};
+    if (summand.placement.IsIdentity()) {
+      if (auto tile = layer.Share(key)) part.tiles.emplace_back(key, std::move(tile));
+    } else {
+      for (const TileKey under : KeysUnder(key, summand.placement)) {
+        if (auto tile = layer.Share(under)) part.tiles.emplace_back(under, std::move(tile));
+      }
+    }
+    if (!part.tiles.empty()) parts.push_back(std::move(part));
   }
-  Tile low_sum;
-  if (!low.empty()) {
-    const ControlLimits within{static_cast<ControlPoint>(limits.min * 4 / 5),
-                               static_cast<ControlPoint>(limits.max * 4 / 5)};
-    low_sum = SumTiles(low, within);
-    tiles.push_back(&low_sum);
+  if (parts.empty()) return;
+  // One tile is its own sum, as one layer is.
+  if (parts.size() == 1 && !parts[0].low_weight && parts[0].placement.IsIdentity()) {
+    sum_.Put(key, parts[0].tiles.front().second, 0);
+    return;
   }
-  // Tiles that one of a layer has a part in may have nothing of it.
-  if (!tiles.empty()) sum_.Edit(key, 0) = SumTiles(tiles, limits);
+  auto sum = std::make_shared<TileSum>(key, std::move(parts), limits, memory_);
+  sum_.Put(key, std::make_shared<const StoredTile>(std::move(sum), 0), 0);
 }
 
 bool SummedLayers::Continues(const std::vector<Summand>& summands) const {

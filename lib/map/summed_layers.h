@@ -3,9 +3,11 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "lib/map/placed_tile.h"
+#include "lib/tiles/tile_memory.h"
 #include "splinemap/layer_set.h"
 #include "splinemap/level_of_detail.h"
 #include "splinemap/map_view.h"
@@ -21,13 +23,18 @@ namespace splinemap {
 // that left, after a few scans (tests/bench/layers).
 class SummedLayers {
  public:
-  // Of layers at that level of detail.
-  explicit SummedLayers(LevelOfDetail level_of_detail = {}) : level_of_detail_(level_of_detail) {}
+  // Of layers at that level of detail. `memory` bounds how many sums are in memory; null: nothing
+  // does.
+  explicit SummedLayers(LevelOfDetail level_of_detail = {},
+                        std::shared_ptr<TileMemory> memory = nullptr)
+      : level_of_detail_(level_of_detail), memory_(std::move(memory)) {}
 
   // tiles[k] = clamp(sum of layers[k] + clamp'(sum of layers of low weight[k])), over the layers
-  // that the settings do not leave out, each placed as they say. What is placed beyond
-  // kMaxKnotIndex is left out. Costs what changed since the last call; the whole map where a layer
-  // is gone or placed anew, lost tiles, or its owner started a new session.
+  // that the settings do not leave out, each placed as they say. Requires layers whose control
+  // points are within the limits of the set. What is placed beyond
+  // kMaxKnotIndex is left out. Tiles are summed when somebody asks for them. Costs what changed
+  // since the last call; the keys of the whole map where a layer is gone or placed anew, lost
+  // tiles, or its owner started a new session.
   std::shared_ptr<const MapView> Update(const LayerSet& set);
 
  private:
@@ -48,10 +55,9 @@ class SummedLayers {
   bool Continues(const std::vector<Summand>& summands) const;
 
   LevelOfDetail level_of_detail_;
+  std::shared_ptr<TileMemory> memory_;
   std::map<LayerId, Seen> seen_;
   TileTreeEditor sum_;
-  std::vector<const Tile*> tiles_;             // of SumTile()
-  std::vector<const Tile*> low_weight_tiles_;  // the same
 };
 
 }  // namespace splinemap

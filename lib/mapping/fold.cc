@@ -8,9 +8,8 @@
 namespace splinemap {
 namespace {
 
-bool IsEqual(const std::shared_ptr<const Tile>& a, const Tile* b) {
-  static const Tile kNothing;
-  return a.get() == b || *a == (b == nullptr ? kNothing : *b);
+bool IsEqual(const StoredTile& a, const StoredTile* b) {
+  return b == nullptr ? *a.Get() == Tile() : HaveEqualContent(a, *b);
 }
 
 }  // namespace
@@ -69,10 +68,10 @@ absl::StatusOr<TileTree> FoldArchive(const ScanArchive& archive, const MapOption
 std::vector<TileKey> DifferentTiles(const TileTree& a, const TileTree& b) {
   std::vector<TileKey> keys;
   a.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    if (!IsEqual(entry.tile, b.Find(key))) keys.push_back(key);
+    if (!IsEqual(*entry.tile, b.Find(key))) keys.push_back(key);
   });
   b.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    if (a.Find(key) == nullptr && !IsEqual(entry.tile, nullptr)) keys.push_back(key);
+    if (a.Find(key) == nullptr && !IsEqual(*entry.tile, nullptr)) keys.push_back(key);
   });
   return keys;
 }
@@ -80,7 +79,7 @@ std::vector<TileKey> DifferentTiles(const TileTree& a, const TileTree& b) {
 TileTree WithRevisionsOf(const TileTree& old, const TileTree& fresh, uint64_t revision) {
   TileTreeEditor result;
   fresh.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    const bool is_old = old.Find(key) != nullptr && IsEqual(entry.tile, old.Find(key));
+    const bool is_old = old.Find(key) != nullptr && IsEqual(*entry.tile, old.Find(key));
     result.Put(key, is_old ? old.Share(key) : entry.tile, is_old ? old.RevisionOf(key) : revision);
   });
   return result.Freeze();

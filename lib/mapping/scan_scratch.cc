@@ -129,7 +129,7 @@ void ScanScratch::CommitSums(const Commit& commit, ControlLimits scan_limits) {
     const TileKey key{tile.tx, tile.ty};
     if (kernel_.has_change(tile.sums) && commit.is_taken(key)) {
       kernel_.commit(tile.sums, commit.limits, scan_limits,
-                     commit.tiles.Edit(key, commit.revision).control_points.data());
+                     commit.tiles.Edit(key, commit.revision).Edit().control_points.data());
     } else {
       std::memset(tile.sums, 0, Tile::kSide * SumBlock<int32_t>::kStride * sizeof(*tile.sums));
     }
@@ -148,12 +148,14 @@ void ScanScratch::CommitDistances(const Commit& commit) {
   ForEachTouched(free_.upright, [&](TouchedTile<uint16_t> tile) {
     const TileKey key{tile.tx, tile.ty};
     const TouchedTile<FaceSum> faces = Find(faces_.upright, tile.tx, tile.ty);
-    const Tile* from = commit.tiles.tree().Find(key);
+    const std::shared_ptr<const Tile> from = FindTile(commit.tiles.tree(), key);
     // Also where the tile is not taken: it clears the sums.
     const bool is_changed = kernel_.commit_distances(
         tile.sums, tile.groups, faces.sums, faces.groups, commit.limits,
         (from == nullptr ? kUntouched : *from).control_points.data(), result.control_points.data());
-    if (is_changed && commit.is_taken(key)) commit.tiles.Edit(key, commit.revision) = result;
+    if (is_changed && commit.is_taken(key)) {
+      commit.tiles.Put(key, std::make_shared<const StoredTile>(result), commit.revision);
+    }
   });
   free_.upright.Clear();
   faces_.upright.Clear();

@@ -67,8 +67,8 @@ class PatchReader {
     key_ = key;
     is_any_ = true;
     for (int k = 0; k < 4; ++k) {
-      const Tile* tile = tiles_.Find({key.tx + k % 2, key.ty + k / 2});
-      square_[k] = tile == nullptr ? &kUntouched : tile;
+      held_[k] = FindTile(tiles_, {key.tx + k % 2, key.ty + k / 2});
+      square_[k] = held_[k] == nullptr ? &kUntouched : held_[k].get();
     }
   }
 
@@ -76,6 +76,7 @@ class PatchReader {
   bool is_any_ = false;
   TileKey key_;
   std::array<const Tile*, 4> square_;  // of key_ and those next in x and y
+  std::array<std::shared_ptr<const Tile>, 4> held_;
 };
 
 }  // namespace splinemap

@@ -38,7 +38,7 @@ class LocalMap::Impl {
   void ShareBounds(Impl& other) const {
     MutexLock lock(bounds_mutex_);
     MutexLock other_lock(other.bounds_mutex_);
-    if (bounded_.map == other.View()) other.bounded_ = bounded_;
+    if (bounds_ && bounds_->map() == other.View()) other.bounds_ = bounds_;
   }
 
   absl::StatusOr<PointsQuery::Answer> Answer(const PointsQuery& query) const;
@@ -49,25 +49,20 @@ class LocalMap::Impl {
   absl::StatusOr<DistancesQuery::Answer> Answer(const DistancesQuery& query) const;
 
  private:
-  struct BoundedMap {
-    std::shared_ptr<const MapView> map;
-    SurfaceBounds bounds;
-  };
-  BoundedMap Bounded() const {
+  SurfaceBounds Bounds() const {
+    auto map = View();
     MutexLock lock(bounds_mutex_);
-    if (auto map = View(); bounded_.map != map) {
-      bounded_.bounds = bounds_.Update(*map);
-      bounded_.map = std::move(map);
-    }
-    return bounded_;
+    // What was kept for a copy is gone once the map that it was copied from went on.
+    if (!bounds_ || !bounds_->KeepsBounds()) bounds_.emplace(map);
+    bounds_->Use(std::move(map));
+    return *bounds_;
   }
 
   mutable Mutex mutex_;
   std::shared_ptr<const MapView> map_ ABSL_GUARDED_BY(mutex_);
   // One of its own, so that neither Use() nor other queries wait while bounds are made.
   mutable Mutex bounds_mutex_;
-  mutable SurfaceBoundsEditor bounds_ ABSL_GUARDED_BY(bounds_mutex_);
-  mutable BoundedMap bounded_ ABSL_GUARDED_BY(bounds_mutex_);  // of the last call of Bounded()
+  mutable std::optional<SurfaceBounds> bounds_ ABSL_GUARDED_BY(bounds_mutex_);
 };
 
 LocalMap::LocalMap(std::shared_ptr<const MapView> map)
@@ -108,23 +103,23 @@ absl::StatusOr<PointsQuery::Answer> LocalMap::Impl::Answer(const PointsQuery& qu
 }
 
 absl::StatusOr<RaysQuery::Answer> LocalMap::Impl::Answer(const RaysQuery& query) const {
-  const BoundedMap bounded = Bounded();
+  const SurfaceBounds bounds = Bounds();
   RaysQuery::Answer answer;
-  answer.revision = bounded.map->revision;
+  answer.revision = bounds.map()->revision;
   answer.ends.reserve(query.rays.size());
-  RayCaster caster(*bounded.map, bounded.bounds, query.occupied_log_odds, query.unknown);
+  RayCaster caster(bounds, query.occupied_log_odds, query.unknown);
   for (const Ray& ray : query.rays) answer.ends.push_back(caster.Cast(ray));
   return answer;
 }
 
 absl::StatusOr<SweepsQuery::Answer> LocalMap::Impl::Answer(const SweepsQuery& query) const {
-  const BoundedMap bounded = Bounded();
+  const SurfaceBounds bounds = Bounds();
   SweepsQuery::Answer answer;
-  answer.revision = bounded.map->revision;
+  answer.revision = bounds.map()->revision;
   answer.results.reserve(query.sweeps.size());
-  ObstacleSearch search(*bounded.map, bounded.bounds, query.occupied_log_odds, query.unknown);
+  ObstacleSearch search(bounds, query.occupied_log_odds, query.unknown);
   for (const Sweep& sweep : query.sweeps) {
-    answer.results.push_back(CheckSweep(search, sweep, bounded.map->options.knot_interval_m));
+    answer.results.push_back(CheckSweep(search, sweep, bounds.map()->options.knot_interval_m));
   }
   return answer;
 }
@@ -165,15 +160,14 @@ absl::StatusOr<LikelihoodsQuery::Answer> LocalMap::Impl::Answer(
 }
 
 absl::StatusOr<DistancesQuery::Answer> LocalMap::Impl::Answer(const DistancesQuery& query) const {
-  const BoundedMap bounded = Bounded();
+  const SurfaceBounds bounds = Bounds();
   DistancesQuery::Answer answer;
-  answer.revision = bounded.map->revision;
+  answer.revision = bounds.map()->revision;
   answer.distances.reserve(query.points_m.size());
-  ObstacleSearch search(*bounded.map, bounded.bounds, query.occupied_log_odds,
-                        UnknownPolicy::kFree);
+  ObstacleSearch search(bounds, query.occupied_log_odds, UnknownPolicy::kFree);
   for (const Eigen::Vector2d& point_m : query.points_m) {
     answer.distances.push_back(
-        FindDistance(search, point_m, query.max_distance_m, bounded.map->options.knot_interval_m));
+        FindDistance(search, point_m, query.max_distance_m, bounds.map()->options.knot_interval_m));
   }
   return answer;
 }

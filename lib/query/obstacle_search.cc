@@ -103,12 +103,12 @@ bool NearSweep::Touches(const SearchSquare& square, double gone) const {
   return (square.NearestTo(centre) - centre).norm() <= radius + 2 * kTouching;
 }
 
-ObstacleSearch::ObstacleSearch(const MapView& map, const SurfaceBounds& bounds,
-                               double occupied_log_odds, UnknownPolicy unknown)
+ObstacleSearch::ObstacleSearch(const SurfaceBounds& bounds, double occupied_log_odds,
+                               UnknownPolicy unknown)
     : threshold_(occupied_log_odds * kUnitsPerLogOdds),
       unknown_(unknown),
       bounds_(bounds),
-      patches_(map.tiles) {}
+      patches_(bounds.map()->tiles) {}
 
 ObstacleSearch::Found ObstacleSearch::Nearest(const NearPoint& ranking) { return Search(ranking); }
 
@@ -119,7 +119,7 @@ ObstacleSearch::Way ObstacleSearch::WayOverMap(const Eigen::Vector2d& from,
   const double length = (to - from).norm();
   Way way{0, length};
   if (unknown_ == UnknownPolicy::kBlocked) return way;
-  const TileBox& box = bounds_.box;
+  const TileBox& box = bounds_.box();
   if (box.IsEmpty()) return {0, -1};
   const double reach = radius + kTouching;
   const Eigen::Vector2d low = Tile::kSide * Eigen::Vector2d(box.tx0, box.ty0);
@@ -157,7 +157,7 @@ ObstacleSearch::Found ObstacleSearch::Search(const Ranking& ranking) {
   TileBox tiles{TileIndex(low.x()), TileIndex(low.y()), TileIndex(high.x()) + 1,
                 TileIndex(high.y()) + 1};
   if (unknown_ == UnknownPolicy::kFree) {
-    const TileBox& box = bounds_.box;
+    const TileBox& box = bounds_.box();
     tiles = {std::max(tiles.tx0, box.tx0), std::max(tiles.ty0, box.ty0),
              std::min(tiles.tx1, box.tx1), std::min(tiles.ty1, box.ty1)};
   }
@@ -201,7 +201,7 @@ ObstacleSearch::Found ObstacleSearch::Search(const Ranking& ranking) {
 template <typename Ranking>
 void ObstacleSearch::AddTile(const Ranking& ranking, TileKey key) {
   const Eigen::Vector2d low = Tile::kSide * Eigen::Vector2d(key.tx, key.ty);
-  const TileBounds* tile = bounds_.tiles.Find(key);
+  const TileBounds* tile = bounds_.Find(key);
   if (tile == nullptr) {
     if (unknown_ == UnknownPolicy::kFree) return;
     const SearchSquare square{low, Tile::kSide};
@@ -222,7 +222,7 @@ template <typename Ranking>
 void ObstacleSearch::OpenBlock(const Ranking& ranking, const SearchSquare& block) {
   const auto i = static_cast<int32_t>(block.low.x());
   const auto j = static_cast<int32_t>(block.low.y());
-  const TileBounds& tile = *bounds_.tiles.Find(TileOf(i, j));
+  const TileBounds& tile = *bounds_.Find(TileOf(i, j));
   for (int dj = 0; dj < TileBounds::kBlockSide; ++dj) {
     const int row = (j & (Tile::kSide - 1)) + dj;
     uint32_t cells = threshold_ < 0 ? ~uint32_t{0} : tile.positive[row];

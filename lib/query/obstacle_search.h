@@ -79,8 +79,7 @@ class ObstacleSearch {
     SearchSquare square;
   };
 
-  ObstacleSearch(const MapView& map, const SurfaceBounds& bounds, double occupied_log_odds,
-                 UnknownPolicy unknown);
+  ObstacleSearch(const SurfaceBounds& bounds, double occupied_log_odds, UnknownPolicy unknown);
 
   Found Nearest(const NearPoint& ranking);
   Found First(const NearSweep& ranking);
@@ -126,7 +125,7 @@ class ObstacleSearch {
 
   const double threshold_;  // in units of control points
   const UnknownPolicy unknown_;
-  const SurfaceBounds& bounds_;
+  BoundsReader bounds_;
   PatchReader patches_;
   std::vector<Item> heap_;
   std::vector<BezierNet> nets_;

@@ -60,20 +60,19 @@ void Clip(double origin, double direction, double low, double high, double& begi
 
 }  // namespace
 
-RayCaster::RayCaster(const MapView& map, const SurfaceBounds& bounds, double occupied_log_odds,
-                     UnknownPolicy unknown)
-    : knot_interval_m_(map.options.knot_interval_m),
+RayCaster::RayCaster(const SurfaceBounds& bounds, double occupied_log_odds, UnknownPolicy unknown)
+    : knot_interval_m_(bounds.map()->options.knot_interval_m),
       threshold_(occupied_log_odds * kUnitsPerLogOdds),
       unknown_(unknown),
       bounds_(bounds),
-      patches_(map.tiles),
-      tile_(bounds.tiles.Find(tile_key_)) {}
+      patches_(bounds.map()->tiles),
+      tile_(bounds_.Find(tile_key_)) {}
 
 RaysQuery::End RayCaster::Cast(const Ray& ray) {
   const Line line{ray.origin_m / knot_interval_m_, UnitVector(ray.bearing_rad)};
   double begin = 0;
   double end = ray.max_range_m / knot_interval_m_;
-  const TileBox& box = bounds_.box;
+  const TileBox& box = bounds_.box();
   constexpr double kSide = Tile::kSide;
   Clip(line.origin.x(), line.direction.x(), kSide * box.tx0, kSide * box.tx1, begin, end);
   Clip(line.origin.y(), line.direction.y(), kSide * box.ty0, kSide * box.ty1, begin, end);
@@ -92,7 +91,7 @@ RaysQuery::End RayCaster::Cast(const Ray& ray) {
 }
 
 RayCaster::End RayCaster::Follow(const Line& line, double begin, double end) {
-  const TileBox& box = bounds_.box;
+  const TileBox& box = bounds_.box();
   constexpr int32_t kSide = Tile::kSide;
   const Eigen::Vector2d first = line.At(begin);
   int32_t i = CellOf(first.x(), kSide * box.tx0, kSide * (box.tx1 - box.tx0));
@@ -130,7 +129,7 @@ RayCaster::Square RayCaster::LargestClearSquare(int32_t i, int32_t j) {
   };
   if (const TileKey key = TileOf(i, j); key != tile_key_) {
     tile_key_ = key;
-    tile_ = bounds_.tiles.Find(key);
+    tile_ = bounds_.Find(key);
   }
   constexpr int32_t kTileSide = Tile::kSide;
   constexpr int32_t kBlockSide = TileBounds::kBlockSide;

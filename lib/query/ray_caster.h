@@ -14,8 +14,7 @@ namespace splinemap {
 // by their bounds, are taken in one step. Thread-compatible; outlived by what it was made of.
 class RayCaster {
  public:
-  RayCaster(const MapView& map, const SurfaceBounds& bounds, double occupied_log_odds,
-            UnknownPolicy unknown);
+  RayCaster(const SurfaceBounds& bounds, double occupied_log_odds, UnknownPolicy unknown);
 
   // Requires a ray that Check() lets pass.
   RaysQuery::End Cast(const Ray& ray);
@@ -45,7 +44,7 @@ class RayCaster {
   const double knot_interval_m_;
   const double threshold_;  // in units of control points
   const UnknownPolicy unknown_;
-  const SurfaceBounds& bounds_;
+  BoundsReader bounds_;
   PatchReader patches_;
 
   TileKey tile_key_;

@@ -3,13 +3,10 @@
 #include <algorithm>
 #include <optional>
 
-#include "absl/container/flat_hash_set.h"
-#include "lib/tiles/key_tree_impl.h"
+#include "absl/container/flat_hash_map.h"
+#include "lib/base/mutex.h"
 
 namespace splinemap {
-
-template class KeyTree<TileBounds>;
-template class KeyTreeEditor<TileBounds>;
 
 namespace {
 
@@ -38,7 +35,7 @@ class Neighbourhood {
   Neighbourhood(const TileTree& tiles, TileKey key) {
     for (int dy = -1; dy <= 1; ++dy) {
       for (int dx = -1; dx <= 1; ++dx) {
-        const Tile* tile = tiles.Find({key.tx + dx, key.ty + dy});
+        const std::shared_ptr<const Tile> tile = FindTile(tiles, {key.tx + dx, key.ty + dy});
         if (tile != nullptr) Copy(*tile, Tile::kSide * dx, Tile::kSide * dy);
       }
     }
@@ -101,6 +98,8 @@ class Neighbourhood {
   std::array<std::array<ControlPoint, kSide>, kSide> rows_{};
 };
 
+}  // namespace
+
 std::optional<TileBounds> BoundsOfTile(const TileTree& tiles, TileKey key) {
   const Neighbourhood neighbourhood(tiles, key);
   if (neighbourhood.is_empty()) return std::nullopt;
@@ -120,31 +119,62 @@ std::optional<TileBounds> BoundsOfTile(const TileTree& tiles, TileKey key) {
   return bounds;
 }
 
-}  // namespace
+// Of one map after the other.
+struct SurfaceBounds::Kept {
+  static constexpr size_t kMaxTiles = 1 << 16;  // some 35 MB
 
-SurfaceBounds SurfaceBoundsEditor::Update(const MapView& map) {
-  const TileTree& tiles = map.tiles;
-  if (tiles.lineage() != lineage_ || tiles.version() < version_) {
-    *this = {};
-    lineage_ = tiles.lineage();
+  mutable Mutex mutex;
+  uint64_t generation ABSL_GUARDED_BY(mutex) = 0;
+  absl::flat_hash_map<TileKey, std::shared_ptr<const TileBounds>> tiles ABSL_GUARDED_BY(mutex);
+};
+
+SurfaceBounds::SurfaceBounds(std::shared_ptr<const MapView> map)
+    : map_(std::make_shared<const MapView>()) {
+  Use(std::move(map));
+}
+
+void SurfaceBounds::Use(std::shared_ptr<const MapView> map) {
+  if (map == map_ && kept_ != nullptr) return;
+  const TileTree& tiles = map->tiles;
+  const uint64_t seen = map_->tiles.version();
+  const bool goes_on = kept_ != nullptr && tiles.lineage() == map_->tiles.lineage() &&
+                       tiles.version() >= seen && KeepsBounds();
+  if (!goes_on) {
+    kept_ = std::make_shared<Kept>();
+    box_ = {};
   }
-  absl::flat_hash_set<TileKey> touched;  // changed tiles and those around them
-  tiles.ForEachChanged(version_, [&](TileKey key, const TileTree::Entry&) {
-    for (int dy = -1; dy <= 1; ++dy) {
-      for (int dx = -1; dx <= 1; ++dx) {
-        const TileKey neighbour{key.tx + dx, key.ty + dy};
-        if (IsInRange(neighbour)) touched.insert(neighbour);
-      }
-    }
+  MutexLock lock(kept_->mutex);
+  tiles.ForEachChanged(goes_on ? seen : 0, [&](TileKey key, const TileTree::Entry&) {
+    ForEachAround(key, [&](TileKey around) {
+      box_.Add(around);
+      if (!kept_->tiles.empty()) kept_->tiles.erase(around);
+    });
   });
-  version_ = tiles.version();
-  for (const TileKey key : touched) {
-    const std::optional<TileBounds> bounds = BoundsOfTile(tiles, key);
-    if (!bounds) continue;
-    tiles_.Edit(key, 0) = *bounds;
-    box_.Add(key);
+  generation_ = ++kept_->generation;
+  map_ = std::move(map);
+}
+
+bool SurfaceBounds::KeepsBounds() const {
+  MutexLock lock(kept_->mutex);
+  return kept_->generation == generation_;
+}
+
+std::shared_ptr<const TileBounds> SurfaceBounds::Find(TileKey key) const {
+  if (!box_.Contains(key)) return nullptr;
+  {
+    MutexLock lock(kept_->mutex);
+    if (kept_->generation == generation_) {
+      const auto found = kept_->tiles.find(key);
+      if (found != kept_->tiles.end()) return found->second;
+    }
   }
-  return {tiles_.Freeze(), box_};
+  const std::optional<TileBounds> made = BoundsOfTile(map_->tiles, key);
+  auto bounds = made ? std::make_shared<const TileBounds>(*made) : nullptr;
+  MutexLock lock(kept_->mutex);
+  if (kept_->generation != generation_) return bounds;
+  if (kept_->tiles.size() >= Kept::kMaxTiles) kept_->tiles.clear();
+  kept_->tiles[key] = bounds;
+  return bounds;
 }
 
 }  // namespace splinemap

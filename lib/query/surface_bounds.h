@@ -3,10 +3,12 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <memory>
+#include <optional>
 
-#include "splinemap/key_tree.h"
 #include "splinemap/map_view.h"
 #include "splinemap/region.h"
+#include "splinemap/tile_tree.h"
 
 namespace splinemap {
 
@@ -48,24 +50,72 @@ struct TileBounds {
   std::array<uint32_t, Tile::kSide> unknown{};
 };
 
-// The bounds of a map. Tiles that are absent have no known point. Immutable.
-struct SurfaceBounds {
-  KeyTree<TileBounds> tiles;
-  TileBox box;  // around all of them
-};
+// A tile changes the bounds of those around it.
+template <typename Visitor>
+void ForEachAround(TileKey key, Visitor visit) {
+  for (int dy = -1; dy <= 1; ++dy) {
+    for (int dx = -1; dx <= 1; ++dx) {
+      const TileKey around{key.tx + dx, key.ty + dy};
+      if (IsInRange(around)) visit(around);
+    }
+  }
+}
 
-// Follows a map. Thread-compatible.
-class SurfaceBoundsEditor {
+// Of a tile that is absent and has none beside it: nothing, since no point is known.
+std::optional<TileBounds> BoundsOfTile(const TileTree& tiles, TileKey key);
+
+// The bounds of a map, made when somebody asks for them, and kept for others. Copies share them.
+// Thread-safe but for Use().
+class SurfaceBounds {
  public:
-  // Costs what changed since the last call, where that was an earlier view by the same
-  // SummedLayers.
-  SurfaceBounds Update(const MapView& map);
+  // Of an empty map; of another.
+  SurfaceBounds() : SurfaceBounds(std::make_shared<const MapView>()) {}
+  explicit SurfaceBounds(std::shared_ptr<const MapView> map);
+
+  // Those of another map; where it is a later view by the same SummedLayers, what did not change
+  // stays. Other copies stay with their map, and keep nothing any more.
+  void Use(std::shared_ptr<const MapView> map);
+  bool KeepsBounds() const;
+
+  const std::shared_ptr<const MapView>& map() const { return map_; }
+  // Around all tiles that have bounds.
+  const TileBox& box() const { return box_; }
+  // Null where no point of the tile is known.
+  std::shared_ptr<const TileBounds> Find(TileKey key) const;
 
  private:
-  uint64_t lineage_ = 0;  // of the tiles seen last
-  uint64_t version_ = 0;
+  struct Kept;
+
+  std::shared_ptr<const MapView> map_;
   TileBox box_;
-  KeyTreeEditor<TileBounds> tiles_;
+  std::shared_ptr<Kept> kept_;
+  uint64_t generation_ = 0;  // of what kept_ has, as long as it is of this map
+};
+
+// Finds bounds that were found before faster. Thread-compatible; outlived by what it was made of.
+class BoundsReader {
+ public:
+  explicit BoundsReader(const SurfaceBounds& bounds) : bounds_(bounds) {}
+
+  const TileBox& box() const { return bounds_.box(); }
+  // Null where no point of the tile is known. Valid until the next call.
+  const TileBounds* Find(TileKey key) {
+    constexpr uint32_t kSide = 8;
+    Found& found = found_[kSide * (static_cast<uint32_t>(key.ty) % kSide) +
+                          static_cast<uint32_t>(key.tx) % kSide];
+    if (!found.is_any || found.key != key) found = {true, key, bounds_.Find(key)};
+    return found.bounds.get();
+  }
+
+ private:
+  struct Found {
+    bool is_any = false;
+    TileKey key;
+    std::shared_ptr<const TileBounds> bounds;
+  };
+
+  const SurfaceBounds& bounds_;
+  std::array<Found, 64> found_;
 };
 
 }  // namespace splinemap

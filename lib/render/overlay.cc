@@ -31,8 +31,9 @@ Overlay::Colour ColourOf(Seen in_a, Seen in_b) {
 Eigen::AlignedBox2d TouchedBox(const MapView& map, const Pose2& a_T_map) {
   Eigen::AlignedBox2d box;
   map.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    const std::shared_ptr<const Tile> tile = entry.tile->Get();
     for (int k = 0; k < Tile::kSize; ++k) {
-      if (entry.tile->control_points[k] == 0) continue;
+      if (tile->control_points[k] == 0) continue;
       const Eigen::Vector2d knot(Tile::kSide * key.tx + k % Tile::kSide,
                                  Tile::kSide * key.ty + k / Tile::kSide);
       for (const double dx : {-0.5, 0.5}) {

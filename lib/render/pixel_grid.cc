@@ -27,8 +27,9 @@ struct KnotBox {
 KnotBox TouchedBox(const TileTree& tiles) {
   KnotBox box;
   tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    const std::shared_ptr<const Tile> tile = entry.tile->Get();
     for (int k = 0; k < Tile::kSize; ++k) {
-      if (entry.tile->control_points[k] == 0) continue;
+      if (tile->control_points[k] == 0) continue;
       const int32_t i = key.tx * Tile::kSide + k % Tile::kSide;
       const int32_t j = key.ty * Tile::kSide + k / Tile::kSide;
       box.min_i = std::min(box.min_i, i);

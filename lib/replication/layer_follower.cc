@@ -133,7 +133,7 @@ void LayerFollower::ReplaceTiles(const LayerSnapshot& layer) {
   tiles_ = TileTreeEditor(layer.tiles);
   index_ = {};
   layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    index_.Set(key, TileChecksum(key, *entry.tile));
+    index_.Set(key, entry.tile->Checksum(key));
   });
   FindNewestRevision();
   newest_revision_ = std::max(newest_revision_, layer.revision);
@@ -435,7 +435,7 @@ bool LayerFollower::Fold(const SentScan& scan) {
     return true;
   });
   for (const TileKey key : fold_edits_) {
-    index_.Set(key, TileChecksum(key, *tiles_.tree().Find(key)));
+    index_.Set(key, tiles_.tree().Find(key)->Checksum(key));
     NoteChange(key);
   }
   if (!fold_edits_.empty()) ++version_;
@@ -496,7 +496,7 @@ void LayerFollower::Apply(const tile_update_t& message) {
   }
   // Who is a proxy answers, and does not push.
   if (owner_is_silent_ && !pending_.contains({0, key.tx, key.ty})) return;
-  const Tile* known = tiles_.tree().Find(key);
+  const StoredTile* known = tiles_.tree().Find(key);
   const auto disowned = disowned_.find(key);
   const uint64_t least = disowned != disowned_.end() ? disowned->second
                          : known == nullptr          ? 0
@@ -509,30 +509,30 @@ void LayerFollower::Apply(const tile_update_t& message) {
     ++counts_.unusable;
     return;
   }
-  const absl::StatusOr<Tile> tile = TileOfUpdate(update, FindBase(update));
+  const absl::StatusOr<Tile> tile = TileOfUpdate(update, FindBase(update).get());
   if (!tile.ok() || !CheckTile(key, *tile, limits).ok()) {
     ++counts_.unusable;
     return;
   }
   const bool was_disowned = disowned != disowned_.end();
   if (was_disowned) {
-    counts_.disowned += known != nullptr && *known != *tile ? 1 : 0;
+    counts_.disowned += known != nullptr && *known->Get() != *tile ? 1 : 0;
     disowned_.erase(disowned);
   }
-  Keep(key, std::make_shared<const Tile>(*tile), update.revision, update.checksum);
+  Keep(key, std::make_shared<const StoredTile>(*tile), update.revision, update.checksum);
   if (was_disowned) FindNewestRevision();
   ++counts_.applied;
 }
 
-const Tile* LayerFollower::FindBase(const TileUpdate& update) const {
+std::shared_ptr<const Tile> LayerFollower::FindBase(const TileUpdate& update) const {
   for (const TileTree* tree : {&at_digest_, &tiles_.tree()}) {
-    const Tile* tile = tree->Find(update.key);
-    if (tile != nullptr && TileChecksum(update.key, *tile) == update.base_checksum) return tile;
+    const StoredTile* tile = tree->Find(update.key);
+    if (tile != nullptr && tile->Checksum(update.key) == update.base_checksum) return tile->Get();
   }
   return nullptr;
 }
 
-void LayerFollower::Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision,
+void LayerFollower::Keep(TileKey key, std::shared_ptr<const StoredTile> tile, uint64_t revision,
                          uint64_t checksum) {
   tiles_.Put(key, std::move(tile), revision);
   index_.Set(key, checksum);
@@ -656,7 +656,7 @@ bool LayerFollower::HandleChild(const NodeKey& child, uint64_t hash, uint64_t re
     return false;
   }
   if (previous_ && previous_index_.HashOf(child) == hash) {
-    if (std::shared_ptr<const Tile> equal = previous_->tiles.Share(key)) {
+    if (std::shared_ptr<const StoredTile> equal = previous_->tiles.Share(key)) {
       Keep(key, std::move(equal), revision, hash);
       return true;
     }

@@ -149,9 +149,10 @@ class LayerFollower {
   void DropWhatCameLast();
   void CompareWith(const layer_digest_t& digest, bool is_owners, Clock::time_point now);
   void Apply(const tile_update_t& message);
-  const Tile* FindBase(const TileUpdate& update) const;
+  std::shared_ptr<const Tile> FindBase(const TileUpdate& update) const;
   bool IsFull() const { return tiles_.tree().size() >= max_tiles_; }
-  void Keep(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision, uint64_t checksum);
+  void Keep(TileKey key, std::shared_ptr<const StoredTile> tile, uint64_t revision,
+            uint64_t checksum);
   void HandleNode(const node_listing_t& listing, Clock::time_point now);
   void Want(const NodeKey& node, uint64_t revision, Clock::time_point now);
   void GiveUpCheck();

@@ -86,7 +86,7 @@ LayerPublisher::LayerPublisher(LayerRef ref, const LayerSnapshot& layer,
       state_(layer.revision),
       published_(layer.tiles) {
   layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    index_.Set(key, TileChecksum(key, *entry.tile));
+    index_.Set(key, entry.tile->Checksum(key));
   });
 }
 
@@ -98,7 +98,7 @@ void LayerPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point now)
                              [&](TileKey key, const TileTree::Entry& entry) {
                                if (is_published) {
                                  published_.Put(key, entry.tile, entry.revision);
-                                 index_.Set(key, TileChecksum(key, *entry.tile));
+                                 index_.Set(key, entry.tile->Checksum(key));
                                }
                                if (is_pushed && waiting_.try_emplace(key, after_revision).second)
                                  changes_.push_back({key, after_revision, now});
@@ -243,8 +243,8 @@ bool LayerPublisher::IsWaiting(const Change& change) const {
 
 // Many a scan leaves control points at their limits as they were.
 bool LayerPublisher::SkipUnchanged(TileKey key) {
-  const Tile* published = published_.tree().Find(key);
-  if (published == nullptr || *published != *layer_.tiles.Find(key)) return false;
+  const StoredTile* published = published_.tree().Find(key);
+  if (published == nullptr || !HaveEqualContent(*published, *layer_.tiles.Find(key))) return false;
   waiting_.erase(key);
   return true;
 }
@@ -252,10 +252,11 @@ bool LayerPublisher::SkipUnchanged(TileKey key) {
 TileUpdate LayerPublisher::Publish(TileKey key, bool as_difference) {
   waiting_.erase(key);
   const uint64_t revision = layer_.tiles.RevisionOf(key);
-  std::shared_ptr<const Tile> tile = layer_.tiles.Share(key);
-  TileUpdate update = MakeTileUpdate(key, *tile, revision);
-  if (const Tile* base = at_digest_.Find(key); as_difference && base != nullptr) {
-    TileUpdate difference = MakeTileDifference(key, *tile, revision, *base);
+  std::shared_ptr<const StoredTile> tile = layer_.tiles.Share(key);
+  const std::shared_ptr<const Tile> content = tile->Get();
+  TileUpdate update = MakeTileUpdate(key, *content, revision);
+  if (const auto base = FindTile(at_digest_, key); as_difference && base != nullptr) {
+    TileUpdate difference = MakeTileDifference(key, *content, revision, *base);
     if (difference.content.size() < update.content.size()) update = std::move(difference);
   }
   if (published_.tree().Find(key) != tile.get()) {

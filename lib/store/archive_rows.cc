@@ -111,36 +111,8 @@ void WriteBlocks(const ScanArchive& archive, const SavedArchive& saved, SavedArc
   }
 }
 
-void WriteBase(const TileTree& base, const SavedArchive& saved, int64_t archive,
-               SQLite::Database& database) {
-  SQLite::Statement put(database,
-                        "INSERT OR REPLACE INTO base_tile (archive, tx, ty, checksum, content) "
-                        "VALUES (?, ?, ?, ?, ?)");
-  put.bind(1, archive);
-  base.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    if (saved.base.Find(key) == entry.tile.get()) return;
-    const std::string content = EncodeTile(*entry.tile);
-    put.bind(2, key.tx);
-    put.bind(3, key.ty);
-    put.bind(4, Signed(ChecksumOfRow(content, {archive, key.tx, key.ty})));
-    put.bind(5, content.data(), static_cast<int>(content.size()));
-    put.exec();
-    put.reset();
-  });
-  SQLite::Statement remove(database,
-                           "DELETE FROM base_tile WHERE archive = ? AND tx = ? AND ty = ?");
-  remove.bind(1, archive);
-  saved.base.ForEach([&](TileKey key, const TileTree::Entry&) {
-    if (base.Find(key) != nullptr) return;
-    remove.bind(2, key.tx);
-    remove.bind(3, key.ty);
-    remove.exec();
-    remove.reset();
-  });
-}
-
 int64_t NextArchiveId(int64_t last_id, SQLite::Database& database) {
-  for (const char* table : {"scan_beams", "scan_poses", "base_tile"}) {
+  for (const char* table : {"scan_beams", "scan_poses"}) {
     const auto greatest =
         database.execAndGet(fmt::format("SELECT ifnull(max(archive), 0) FROM {}", table));
     last_id = std::max(last_id, greatest.getInt64());
@@ -148,13 +120,15 @@ int64_t NextArchiveId(int64_t last_id, SQLite::Database& database) {
   return last_id + 1;
 }
 
-// The same tiles as a layer need no rows of their own.
-bool IsAll(const TileTree& base, const TileTree& layer_tiles) {
-  if (base.size() != layer_tiles.size()) return false;
+// The same tiles as a layer need no squares of their own. Once they differ they go on to.
+bool IsAll(const TileTree& base, const TileTree& layer_tiles, const SavedArchive& saved) {
+  const bool is_as_saved = saved.base.version() == base.version();
+  if (base.size() != layer_tiles.size() || (is_as_saved && !saved.base_is_layer)) return false;
   bool is_all = true;
-  base.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    is_all = is_all && layer_tiles.Find(key) == entry.tile.get();
-  });
+  TileTree::ForEachDifference(
+      base, layer_tiles, [&](TileKey, const TileTree::Entry* a, const TileTree::Entry* b) {
+        is_all = is_all && a != nullptr && b != nullptr && a->tile == b->tile;
+      });
   return is_all;
 }
 
@@ -162,20 +136,21 @@ bool IsAll(const TileTree& base, const TileTree& layer_tiles) {
 
 SavedArchive WriteArchive(const ScanArchive& archive, const TileTree& layer_tiles,
                           const SavedArchive& saved, int64_t& last_id, store::ArchiveRecord& record,
-                          SQLite::Database& database) {
+                          TreeWriter& trees, SQLite::Database& database) {
   SavedArchive now;
   now.id = saved.id != 0 ? saved.id : NextArchiveId(last_id, database);
   last_id = std::max(last_id, now.id);
   WriteBlocks(archive, saved, now, database);
-  const bool is_all = IsAll(archive.base.tiles, layer_tiles);
-  if (!is_all) now.base = archive.base.tiles;
-  WriteBase(now.base, saved, now.id, database);
+  now.base = archive.base.tiles;
+  now.base_is_layer = IsAll(now.base, layer_tiles, saved);
+  const auto own = [](const SavedArchive& of) { return of.base_is_layer ? TileTree() : of.base; };
+  trees.Write(TreeOfBase(now.id), 0, own(saved), own(now), {});
 
   record.set_id(now.id);
   SetPose(archive.map_T_world, *record.mutable_map_t_world());
   SetPose(archive.base.map_T_world, *record.mutable_base_map_t_world());
-  record.set_base_is_layer(is_all);
-  record.set_base_tiles(now.base.size());
+  record.set_base_is_layer(now.base_is_layer);
+  record.set_base_tiles(now.base_is_layer ? 0 : now.base.size());
   record.set_base_scans(archive.base.scans);
   record.set_base_newest_utime(archive.base.newest.count());
   record.set_scans(archive.num_scans());
@@ -183,7 +158,7 @@ SavedArchive WriteArchive(const ScanArchive& archive, const TileTree& layer_tile
 }
 
 void DeleteOtherArchives(const std::vector<int64_t>& ids, SQLite::Database& database) {
-  for (const char* table : {"scan_beams", "scan_poses", "base_tile"}) {
+  for (const char* table : {"scan_beams", "scan_poses"}) {
     database.exec(
         fmt::format("DELETE FROM {} WHERE archive NOT IN ({})", table, fmt::join(ids, ", ")));
   }
@@ -208,11 +183,16 @@ void ArchiveReader::HandleBaseTile(int64_t archive, int64_t tx, int64_t ty, uint
       !tile.ok() || !CheckTile(key, *tile, limits_).ok()) {
     ++rows.damaged;
   } else {
-    rows.base.Edit(key, 0) = *tile;
+    rows.base.Put(key, std::make_shared<const StoredTile>(*tile), 0);
   }
 }
 
-void ArchiveReader::Read(SQLite::Database& database) {
+void ArchiveReader::AddBaseTile(int64_t archive, TileKey key,
+                                std::shared_ptr<const StoredTile> tile) {
+  archives_[archive].base.Put(key, std::move(tile), 0);
+}
+
+void ArchiveReader::ReadScans(SQLite::Database& database) {
   SQLite::Statement beams(database, "SELECT archive, block, content, checksum FROM scan_beams");
   while (beams.executeStep()) {
     HandleBlock(kBeams, beams.getColumn(0).getInt64(), beams.getColumn(1).getInt64(),
@@ -225,6 +205,9 @@ void ArchiveReader::Read(SQLite::Database& database) {
                 static_cast<uint64_t>(poses.getColumn(2).getInt64()),
                 poses.getColumn(3).getString());
   }
+}
+
+void ArchiveReader::ReadBaseTable(SQLite::Database& database) {
   SQLite::Statement base(database, "SELECT archive, tx, ty, checksum, content FROM base_tile");
   while (base.executeStep()) {
     HandleBaseTile(
@@ -266,7 +249,8 @@ ArchiveReader::Result ArchiveReader::Finish(const store::ArchiveRecord* record,
   archive->base.scans = record->base_scans();
   archive->base.newest = Utime(record->base_newest_utime());
   archive->base.tiles = record->base_is_layer() ? layer_tiles : rows.base.Freeze();
-  if (!record->base_is_layer()) result.saved.base = archive->base.tiles;
+  result.saved.base = archive->base.tiles;
+  result.saved.base_is_layer = record->base_is_layer();
   if (!archive->map_T_world.IsValid() || !archive->base.map_T_world.IsValid()) {
     result.damage.push_back("its placement cannot be");
     archive->map_T_world = archive->base.map_T_world = {};

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "lib/store/records.pb.h"
+#include "lib/store/tile_rows.h"
 #include "splinemap/scan_archive.h"
 
 namespace SQLite {
@@ -20,7 +21,7 @@ namespace splinemap {
 
 // Archives of layers as rows of a database. Functions throw SQLite::Exception where SQLite fails.
 
-inline constexpr const char* kArchiveTables = R"(
+inline constexpr const char* kScanTables = R"(
   CREATE TABLE scan_beams (
     archive INTEGER NOT NULL,
     block INTEGER NOT NULL,
@@ -35,6 +36,9 @@ inline constexpr const char* kArchiveTables = R"(
     content BLOB NOT NULL,
     PRIMARY KEY (archive, block)
   ) STRICT;
+)";
+// Of files of schema 4 and 5.
+inline constexpr const char* kBaseTable = R"(
   CREATE TABLE base_tile (
     archive INTEGER NOT NULL,
     tx INTEGER NOT NULL,
@@ -54,13 +58,17 @@ struct SavedArchive {
   int64_t id = 0;                                              // of its rows; 0: there are none
   std::map<int64_t, std::shared_ptr<const ScanBlock>> blocks;  // by their number
   TileTree base;
+  bool base_is_layer = false;
 };
+
+// The tree of squares that the base of an archive is.
+inline int64_t TreeOfBase(int64_t archive) { return -archive; }
 
 // Writes what `archive` of a layer has other than `saved`, whose id it keeps, or else gets one
 // greater than `last_id` and all that the rows have; `record` becomes what tells of it.
 SavedArchive WriteArchive(const ScanArchive& archive, const TileTree& layer_tiles,
                           const SavedArchive& saved, int64_t& last_id, store::ArchiveRecord& record,
-                          SQLite::Database& database);
+                          TreeWriter& trees, SQLite::Database& database);
 // Deletes the rows of all archives but those with these ids.
 void DeleteOtherArchives(const std::vector<int64_t>& ids, SQLite::Database& database);
 
@@ -75,8 +83,10 @@ class ArchiveReader {
                    std::string content);
   void HandleBaseTile(int64_t archive, int64_t tx, int64_t ty, uint64_t checksum,
                       const std::string& content);
-  // All rows of a database.
-  void Read(SQLite::Database& database);
+  void AddBaseTile(int64_t archive, TileKey key, std::shared_ptr<const StoredTile> tile);
+  // All scans of a database, and all tiles of a base table.
+  void ReadScans(SQLite::Database& database);
+  void ReadBaseTable(SQLite::Database& database);
 
   // The archive of a layer, and what was damaged and is left out. Without a record it is what a map
   // from before there were archives has: a base.

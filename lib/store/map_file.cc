@@ -161,13 +161,20 @@ MapFile& MapFile::operator=(MapFile&&) noexcept = default;
 
 MapFile::~MapFile() {
   if (database_) Close().IgnoreError();
+  if (rows_) rows_->Leave();
 }
+
+struct MapFile::Written : MapRowWriter::Written {
+  std::vector<std::string> problems;
+};
 
 absl::Status MapFile::Close() {
   return WithStatus(path_, [&]() -> absl::Status {
     if (!database_) return FailedPrecondition("{} is closed", path_);
     const std::unique_ptr<SQLite::Database> database = std::move(database_);
     if (lock_ == nullptr) return absl::OkStatus();  // a reader
+    if (rows_) rows_->Leave();
+    if (rows_) rows_->Disconnect(path_);
     database->exec("PRAGMA wal_checkpoint(TRUNCATE)");
     // Fails while another process reads; then the empty files beside stay.
     const int error = sqlite3_exec(database->getHandle(), "PRAGMA journal_mode = DELETE", nullptr,
@@ -179,9 +186,11 @@ absl::Status MapFile::Close() {
   });
 }
 
-absl::StatusOr<MapFile> MapFile::OpenDatabase(const std::string& path, std::unique_ptr<Lock> lock) {
+absl::StatusOr<MapFile> MapFile::OpenDatabase(const std::string& path, std::unique_ptr<Lock> lock,
+                                              std::shared_ptr<TileMemory> memory) {
   const bool is_writer = lock != nullptr;
   MapFile file(path, std::move(lock), nullptr);
+  file.memory_ = std::move(memory);
   absl::Status schema;
   const absl::Status status = WithStatus(path, [&]() -> absl::Status {
     file.database_ = Connect(
@@ -192,7 +201,6 @@ absl::StatusOr<MapFile> MapFile::OpenDatabase(const std::string& path, std::uniq
     }
     schema = CheckSchema(path, *file.database_);
     if (!schema.ok() || !is_writer) return schema;
-    UpgradeSchema(*file.database_);
     file.database_->exec("PRAGMA journal_mode = WAL");
     file.database_->exec("PRAGMA synchronous = FULL");
     return absl::OkStatus();
@@ -207,9 +215,9 @@ absl::StatusOr<MapFile> MapFile::OpenDatabase(const std::string& path, std::uniq
   return file;
 }
 
-absl::StatusOr<MapFile> MapFile::Open(const std::string& path) {
+absl::StatusOr<MapFile> MapFile::Open(const std::string& path, std::shared_ptr<TileMemory> memory) {
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<Lock> lock, Lock::Take(path));
-  return OpenDatabase(path, std::move(lock));
+  return OpenDatabase(path, std::move(lock), std::move(memory));
 }
 
 absl::Status MapFile::CheckNotInUse(const std::string& path) {
@@ -246,24 +254,29 @@ absl::StatusOr<MapFile> MapFile::OpenReadOnly(const std::string& path) {
   if (access(path.c_str(), R_OK) != 0) {
     return Unavailable("cannot read {}: {}", path, std::strerror(errno));
   }
-  return OpenDatabase(path, nullptr);
+  return OpenDatabase(path, nullptr, nullptr);
 }
 
 absl::StatusOr<LoadedMap> MapFile::Load() {
   absl::StatusOr<LoadedMap> loaded;  // no map
   if (damage_.ok()) {
-    SavedArchives archives;
+    std::vector<SavedLayer> saved;
+    const auto make_rows = [&](ControlLimits limits) -> std::shared_ptr<TileRows> {
+      if (lock_ == nullptr) return nullptr;  // what a reader reads goes on changing
+      rows_ = std::make_shared<TileRows>(path_, limits, memory_);
+      if (memory_) rows_->Connect();
+      return rows_;
+    };
     loaded = WithStatus(path_, [&]() -> absl::StatusOr<LoadedMap> {
       if (!database_) return FailedPrecondition("{} is closed", path_);
       SQLite::Transaction transaction(*database_);  // one state, though another process may write
-      return ReadMap(path_, *database_, &archives);
+      SPLINEMAP_ASSIGN_OR_RETURN(ReadRows read, ReadMap(path_, *database_, make_rows));
+      saved = std::move(read.saved);
+      return std::move(read.map);
     });
     if (loaded.ok() && loaded->corruption.empty()) {
-      saved_ = SavedLayersOf(loaded->set);
-      for (SavedLayer& layer : saved_) {
-        layer.tree_lineage = 0;  // an editor of the caller's goes on
-        layer.archive = archives[layer.id];
-      }
+      is_known_ = rows_ != nullptr;
+      saved_ = std::move(saved);
       return loaded;
     }
     if (!loaded.ok() && !absl::IsDataLoss(loaded.status())) return loaded;
@@ -271,6 +284,7 @@ absl::StatusOr<LoadedMap> MapFile::Load() {
   }
   // Closed, since SQLite's locks end when the scan closes the file.
   database_ = nullptr;
+  if (rows_) rows_->Disconnect(path_);
   absl::StatusOr<LoadedMap> scanned = ReadMapOfPages(path_);
   if (scanned.ok() && (!loaded.ok() || CountTiles(scanned->set) >= CountTiles(loaded->set))) {
     const bool is_all_there = scanned->corruption.empty();
@@ -287,6 +301,27 @@ absl::StatusOr<LoadedMap> MapFile::Load() {
   return loaded;
 }
 
+MapFile::Written MapFile::Write(const LayerSet& set) {
+  SQLite::Transaction transaction(*database_, SQLite::TransactionBehavior::IMMEDIATE);
+  if (!is_known_) {
+    RemakeTables(*database_);
+    rows_ = std::make_shared<TileRows>(path_, set.options.limits, memory_);
+  }
+  Written written;
+  MapRowWriter writer(rows_, *database_);
+  writer.Write(set, saved_, written.problems);
+  transaction.commit();
+  static_cast<MapRowWriter::Written&>(written) = writer.Finish();
+  return written;
+}
+
+void MapFile::Adopt(Written written) {
+  if (memory_) rows_->Connect();
+  for (const auto& [tile, number] : written.numbers) tile->SetSource(rows_, number);
+  saved_ = std::move(written.saved);
+  is_known_ = true;
+}
+
 absl::StatusOr<std::vector<std::string>> MapFile::Save(const LayerSet& set) {
   using Problems = std::vector<std::string>;
   SPLINEMAP_RETURN_IF_ERROR(CheckMapOptions(set.options));
@@ -298,16 +333,16 @@ absl::StatusOr<std::vector<std::string>> MapFile::Save(const LayerSet& set) {
   absl::StatusOr<Problems> saved = WithStatus(path_, [&]() -> absl::StatusOr<Problems> {
     if (!database_) return FailedPrecondition("{} is closed", path_);
     try {
-      SQLite::Transaction transaction(*database_, SQLite::TransactionBehavior::IMMEDIATE);
-      Written written = WriteMap(set, saved_, *database_);
-      transaction.commit();
+      Written written = Write(set);
+      Problems problems = std::move(written.problems);
+      Adopt(std::move(written));
       // So that a copy of the one file has all. Waits for nobody: what readers hold up comes with
       // the next.
       sqlite3* const handle = database_->getHandle();
       sqlite3_wal_checkpoint_v2(handle, nullptr, SQLITE_CHECKPOINT_PASSIVE, nullptr, nullptr);
       if (IsFailedSync(sqlite3_extended_errcode(handle))) throw SQLite::Exception(handle);
-      saved_ = std::move(written.saved);
-      return std::move(written.left_out);
+      for (std::string& problem : rows_->TakeProblems()) problems.push_back(std::move(problem));
+      return problems;
     } catch (const SQLite::Exception& exception) {
       is_failed_sync = IsFailedSync(exception.getExtendedErrorCode());
       throw;
@@ -360,13 +395,21 @@ absl::StatusOr<std::string> MapFile::KeepDamaged() const {
 absl::StatusOr<std::vector<std::string>> MapFile::Renew(const LayerSet& set) {
   const std::string part = TemporaryPathFor(path_);
   const absl::Cleanup remove_part = [&] { Remove(part); };
-  SPLINEMAP_ASSIGN_OR_RETURN(MapFile fresh, Open(part));
-  SPLINEMAP_ASSIGN_OR_RETURN(std::vector<std::string> problems, fresh.Save(set));
+  SPLINEMAP_ASSIGN_OR_RETURN(MapFile fresh, Open(part, memory_));
+  absl::StatusOr<Written> written =
+      WithStatus(part, [&]() -> absl::StatusOr<Written> { return fresh.Write(set); });
+  SPLINEMAP_RETURN_IF_ERROR(written.status());
+  std::vector<std::string> problems = std::move(written->problems);
+  const std::shared_ptr<TileRows> rows = std::exchange(fresh.rows_, nullptr);
   SPLINEMAP_RETURN_IF_ERROR(fresh.Close());
+  if (rows_) rows_->Connect();  // tiles that others have go on being read from the damaged one
   SPLINEMAP_RETURN_IF_ERROR(MoveOver(part, path_));
-  std::vector<SavedLayer> saved = std::move(fresh.saved_);
-  SPLINEMAP_ASSIGN_OR_RETURN(*this, OpenDatabase(path_, std::move(fresh.lock_)));
-  saved_ = std::move(saved);
+  if (rows_) rows_->Part();
+  if (rows_) rows_->Leave();
+  SPLINEMAP_ASSIGN_OR_RETURN(*this, OpenDatabase(path_, std::move(fresh.lock_), memory_));
+  rows->Disconnect(path_);
+  rows_ = rows;
+  Adopt(*std::move(written));
   return problems;
 }
 
@@ -387,8 +430,14 @@ absl::StatusOr<std::vector<std::string>> MapFile::SaveElsewhere(const std::strin
   if (created < 0) return Unavailable("cannot write {}: {}", path, std::strerror(errno));
   close(created);
   const auto save = [&]() -> absl::StatusOr<std::vector<std::string>> {
-    SPLINEMAP_ASSIGN_OR_RETURN(MapFile fresh, Open(path));
-    SPLINEMAP_ASSIGN_OR_RETURN(std::vector<std::string> problems, fresh.Save(set));
+    SPLINEMAP_ASSIGN_OR_RETURN(MapFile fresh, Open(path, memory_));
+    absl::StatusOr<Written> written =
+        WithStatus(path, [&]() -> absl::StatusOr<Written> { return fresh.Write(set); });
+    SPLINEMAP_RETURN_IF_ERROR(written.status());
+    std::vector<std::string> problems = std::move(written->problems);
+    fresh.Adopt(*std::move(written));
+    if (rows_) rows_->Part();
+    if (rows_) rows_->Leave();
     *this = std::move(fresh);
     return problems;
   };

@@ -15,6 +15,8 @@
 #include <string_view>
 #include <utility>
 
+#include "absl/container/flat_hash_map.h"
+#include "absl/container/flat_hash_set.h"
 #include "absl/strings/escaping.h"
 #include "lib/base/host_clock.h"
 #include "lib/base/status.h"
@@ -27,14 +29,15 @@ namespace splinemap {
 namespace {
 
 constexpr int kApplicationId = 0x53504c4d;  // "SPLM"
-constexpr int kSchemaVersion = 5;        // 4 has other blocks of scans, which are read
-constexpr int kArchiveVersion = 4;       // from which on there are archives
+constexpr int kSchemaVersion = 6;
+constexpr int kSquareVersion = 6;   // from which on trees have squares; 5 and 4 have a base table
+constexpr int kArchiveVersion = 4;  // from which on there are archives
 constexpr int kOldestSchemaVersion = 2;  // whose rows and records say less
 
 // From here on the record of the map has no more copies of those of layers: rows are bounded.
 constexpr size_t kMaxCopiesBytes = 512 * 1024;
 
-constexpr const char* kSchema = R"(
+constexpr const char* kRecordTables = R"(
   CREATE TABLE map (
     id INTEGER PRIMARY KEY CHECK (id = 1),
     record BLOB NOT NULL
@@ -46,6 +49,9 @@ constexpr const char* kSchema = R"(
     record BLOB NOT NULL,
     UNIQUE (name, origin)
   ) STRICT;
+)";
+// Of files before squares.
+constexpr const char* kKeyedTileTable = R"(
   CREATE TABLE tile (
     layer INTEGER NOT NULL REFERENCES layer (id),
     tx INTEGER NOT NULL,
@@ -162,63 +168,15 @@ std::optional<Record> RecordOf(const std::string& bytes) {
   return record;
 }
 
-// Whether a tile is there at its revision, as a sum over all of a layer in any order. The content
-// has its own checksum.
-struct TileTally {
-  uint64_t tiles = 0;
-  uint64_t digest = 0;
-
-  void Add(TileKey key, uint64_t revision) {
-    const std::array<uint64_t, 3> row{FromSql(key.tx), FromSql(key.ty), revision};
-    ++tiles;
-    digest += XXH3_64bits(row.data(), sizeof row);
-  }
-  bool operator==(const TileTally&) const = default;
-};
-
-std::optional<TileKey> KeyOf(int64_t tx, int64_t ty) {
-  const TileKey key{static_cast<int32_t>(tx), static_cast<int32_t>(ty)};
-  if (key.tx != tx || key.ty != ty || !IsInRange(key)) return std::nullopt;
-  return key;
-}
-
 // The columns of the tables, which tell in a page what a row is of: i for integer, b for bytes.
 constexpr std::string_view kMapForm = "ib";
 constexpr std::string_view kLayerForm = "ibib";
-constexpr std::string_view kTileForm = "iiiiib";
+constexpr std::string_view kKeyedTileForm = "iiiiib";
 
 bool HasForm(absl::Span<const PageColumn> columns, std::string_view form) {
   return std::equal(
       columns.begin(), columns.end(), form.begin(), form.end(),
       [](const PageColumn& column, char kind) { return column.is_bytes == (kind == 'b'); });
-}
-
-// What `checksum` of a row says: that of the tile, bound to the layer and the revision as well, so
-// that no row of a damaged page is taken for another's. In files of schema 2 it is the tile's
-// alone.
-uint64_t ChecksumOfRow(uint64_t tile_checksum, int64_t layer_row, uint64_t revision) {
-  const std::array<uint64_t, 2> row{FromSql(layer_row), revision};
-  return XXH3_64bits_withSeed(row.data(), sizeof row, tile_checksum);
-}
-
-struct TileRow {
-  int64_t layer = 0;
-  int64_t tx = 0;
-  int64_t ty = 0;
-  uint64_t revision = 0;
-  uint64_t checksum = 0;
-  std::string content;
-};
-
-absl::StatusOr<Tile> TileOfRow(const TileRow& row, TileKey key, ControlLimits limits) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const Tile tile, DecodeTile(row.content));
-  const uint64_t checksum = TileChecksum(key, tile);
-  if (row.checksum != ChecksumOfRow(checksum, row.layer, row.revision) &&
-      row.checksum != checksum) {
-    return DataLoss("tile ({}, {}) does not match its checksum", key.tx, key.ty);
-  }
-  SPLINEMAP_RETURN_IF_ERROR(CheckTile(key, tile, limits));
-  return tile;
 }
 
 // Puts a map together from rows: first those of the tables map and layer, then those of tiles.
@@ -274,30 +232,71 @@ class MapReader {
     return rows;
   }
 
-  void HandleTile(const TileRow& row) {
-    const auto found = layers_.find(row.layer);
-    if (found == layers_.end()) return;  // of a layer that is gone; WriteMap() deletes them
-    Reading& reading = found->second;
+  // The trees of squares that the records tell of: of layers, and of the bases of their archives.
+  std::vector<int64_t> Trees() const {
+    std::vector<int64_t> trees = LayerRows();
+    for (const auto& [row, reading] : layers_) {
+      const store::LayerRecord& record = records_.at(row);
+      if (record.has_archive() && !record.archive().base_is_layer()) {
+        trees.push_back(TreeOfBase(record.archive().id()));
+      }
+    }
+    return trees;
+  }
+
+  // The tile of a layer, where it is there already.
+  std::shared_ptr<const StoredTile> TileOfLayer(int64_t row, TileKey key) const {
+    const auto found = layers_.find(row);
+    return found == layers_.end() ? nullptr : found->second.layer->tiles().Share(key);
+  }
+
+  void HandleDamagedSquare(const absl::Status& status) { Damage(ErrorText(status)); }
+
+  using ReadTile = absl::StatusOr<std::shared_ptr<const StoredTile>>;
+  void HandleEntry(int64_t tree, const SquareEntry& entry, ReadTile tile) {
+    if (tree < 0) {
+      if (tile.ok()) archives_->AddBaseTile(TreeOfBase(tree), entry.key, *std::move(tile));
+      return;  // Finish() counts them
+    }
+    HandleTile(tree, entry.key, entry.revision, std::move(tile));
+  }
+
+  // Of a table of tiles by their keys.
+  void HandleKeyedTile(const TileRow& row) {
     const std::optional<TileKey> key = KeyOf(row.tx, row.ty);
-    if (!key || row.revision == 0 || row.revision > reading.max_revision) {
-      DamageOf(reading,
-               fmt::format("tile ({}, {}) of revision {} cannot be", row.tx, row.ty, row.revision));
+    if (!key) {
+      const auto found = layers_.find(row.layer);
+      if (found != layers_.end()) DamageOf(found->second, TextOfOdd(row.tx, row.ty, row.revision));
       return;
     }
-    reading.tally.Add(*key, row.revision);
-    if (const auto tile = TileOfRow(row, *key, set_.options.limits); tile.ok()) {
-      reading.layer->RestoreTile(*key, std::make_shared<const Tile>(*tile), row.revision);
-    } else {
-      DamageOf(reading, ErrorText(tile.status()));
+    const absl::StatusOr<Tile> tile = TileOfRow(row, *key, set_.options.limits);
+    HandleTile(row.layer, *key, row.revision,
+               tile.ok() ? ReadTile(std::make_shared<const StoredTile>(*tile)) : tile.status());
+  }
+
+  // A tile that no square has that can be read: of a layer that lacks it, for want of a better one.
+  void HandleLooseTile(const TileRow& row) {
+    const auto found = layers_.find(row.layer);
+    const std::optional<TileKey> key = KeyOf(row.tx, row.ty);
+    if (found == layers_.end() || !key || row.revision == 0 ||
+        row.revision > found->second.max_revision) {
+      return;
     }
+    const absl::StatusOr<Tile> tile = TileOfRow(row, *key, set_.options.limits);
+    if (!tile.ok()) return;
+    std::pair<uint64_t, Tile>& loose = found->second.loose[*key];
+    if (loose.first < row.revision) loose = {row.revision, *tile};
   }
 
   // Valid after BeginTiles().
   ArchiveReader& archives() { return *archives_; }
+  ControlLimits limits() const { return set_.options.limits; }
+  int64_t tile_rows() const { return static_cast<int64_t>(map_record_->tile_rows()); }
   // Valid after Finish().
-  const SavedArchives& saved_archives() const { return saved_archives_; }
+  const std::map<LayerId, SavedArchive>& saved_archives() const { return saved_archives_; }
 
   LoadedMap Finish() {
+    for (auto& [row, reading] : layers_) RestoreLoose(reading, records_.at(row));
     std::map<LayerId, std::shared_ptr<const ScanArchive>> archives;
     for (const auto& [row, reading] : layers_) {
       const store::LayerRecord& record = records_.at(row);
@@ -345,7 +344,38 @@ class MapReader {
     Layer* layer = nullptr;
     uint64_t max_revision = 0;  // that a tile may have
     TileTally tally;
+    std::map<TileKey, std::pair<uint64_t, Tile>> loose;  // with their revisions
   };
+
+  static std::string TextOfOdd(int64_t tx, int64_t ty, uint64_t revision) {
+    return fmt::format("tile ({}, {}) of revision {} cannot be", tx, ty, revision);
+  }
+
+  void HandleTile(int64_t row, TileKey key, uint64_t revision, ReadTile tile) {
+    const auto found = layers_.find(row);
+    if (found == layers_.end()) return;  // of a layer that is gone
+    Reading& reading = found->second;
+    if (revision == 0 || revision > reading.max_revision) {
+      DamageOf(reading, TextOfOdd(key.tx, key.ty, revision));
+      return;
+    }
+    reading.tally.Add(key, revision);
+    if (tile.ok()) {
+      reading.layer->RestoreTile(key, *std::move(tile), revision);
+    } else {
+      DamageOf(reading, ErrorText(tile.status()));
+    }
+  }
+
+  static void RestoreLoose(Reading& reading, const store::LayerRecord& record) {
+    if (reading.tally.tiles >= record.tiles()) return;
+    for (const auto& [key, loose] : reading.loose) {
+      if (reading.layer->tiles().Find(key) != nullptr) continue;
+      reading.layer->RestoreTile(key, std::make_shared<const StoredTile>(loose.second),
+                                 loose.first);
+      reading.tally.Add(key, loose.first);
+    }
+  }
 
   void Damage(const std::string& damage) {
     corruption_.push_back(fmt::format("{}: {}", path_, damage));
@@ -373,7 +403,7 @@ class MapReader {
     Layer& layer = read_.emplace_back(id, session);
     if (revision_status.ok()) layer.RestoreRevision(record.revision());
     const Reading& reading =
-        layers_[row] = {&layer, revision_status.ok() ? record.revision() : kMaxRevision, {}};
+        layers_[row] = {&layer, revision_status.ok() ? record.revision() : kMaxRevision, {}, {}};
     for (const absl::Status& status : {session_status, revision_status}) {
       if (!status.ok()) DamageOf(reading, ErrorText(status));
     }
@@ -388,7 +418,7 @@ class MapReader {
   std::deque<Layer> read_;
   std::map<int64_t, Reading> layers_;
   std::optional<ArchiveReader> archives_;
-  SavedArchives saved_archives_;
+  std::map<LayerId, SavedArchive> saved_archives_;
   std::vector<std::string> corruption_;
 };
 
@@ -412,12 +442,7 @@ store::MapRecord MapRecordOf(const LayerSet& map, size_t layers,
   return record;
 }
 
-store::LayerRecord LayerRecordOf(const LayerSnapshot& layer, int64_t row,
-                                 const std::set<TileKey>& left_out) {
-  TileTally tally;
-  layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    if (left_out.empty() || !left_out.contains(key)) tally.Add(key, entry.revision);
-  });
+store::LayerRecord LayerRecordOf(const LayerSnapshot& layer, int64_t row, const TileTally& tally) {
   store::LayerRecord record;
   record.set_name(layer.id.name);
   record.set_origin(layer.id.origin);
@@ -447,39 +472,28 @@ absl::Status CheckTileOf(const LayerSnapshot& layer, TileKey key, const TileTree
     return InvalidArgument("tile ({}, {}) of commit {} of {}", key.tx, key.ty, entry.revision,
                            layer.revision);
   }
-  return CheckTile(key, *entry.tile, limits);
+  return CheckTile(key, *entry.tile->Get(), limits);
 }
 
-// Writes what changed since the tree's version `since`; `left_out` has the keys that cannot be.
-void WriteTiles(const LayerSnapshot& layer, int64_t layer_row, uint64_t since, ControlLimits limits,
-                SQLite::Database& database, std::set<TileKey>& left_out) {
-  SQLite::Statement put(database,
-                        "INSERT INTO tile (layer, tx, ty, revision, checksum, content) "
-                        "VALUES (?, ?, ?, ?, ?, ?) ON CONFLICT (layer, tx, ty) DO UPDATE SET "
-                        "revision = excluded.revision, checksum = excluded.checksum, "
-                        "content = excluded.content");
-  SQLite::Statement remove(database, "DELETE FROM tile WHERE layer = ? AND tx = ? AND ty = ?");
-  put.bind(1, layer_row);
-  remove.bind(1, layer_row);
-  layer.tiles.ForEachChanged(since, [&](TileKey key, const TileTree::Entry& entry) {
-    if (!CheckTileOf(layer, key, entry, limits).ok()) {
-      left_out.insert(key);
-      remove.bind(2, key.tx);
-      remove.bind(3, key.ty);
-      remove.exec();
-      remove.reset();
-      return;
-    }
-    left_out.erase(key);
-    const std::string content = EncodeTile(*entry.tile);
-    put.bind(2, key.tx);
-    put.bind(3, key.ty);
-    put.bind(4, ToSql(entry.revision));
-    put.bind(5, ToSql(ChecksumOfRow(TileChecksum(key, *entry.tile), layer_row, entry.revision)));
-    put.bind(6, content.data(), static_cast<int>(content.size()));
-    put.exec();
-    put.reset();
-  });
+// Goes on from the layer that the rows hold: which tiles cannot be, and what all others come to.
+void FollowChanges(const LayerSnapshot& layer, ControlLimits limits, SavedLayer& saved) {
+  TileTree::ForEachDifference(
+      saved.tiles, layer.tiles,
+      [&](TileKey key, const TileTree::Entry* was, const TileTree::Entry* is) {
+        if (was != nullptr && saved.left_out.erase(key) == 0) {
+          saved.tally.Remove(key, was->revision);
+        }
+        if (is == nullptr) return;
+        const bool is_new = was == nullptr || was->tile != is->tile;
+        if (is->revision == 0 || is->revision > layer.revision ||
+            (is_new && !CheckTileOf(layer, key, *is, limits).ok())) {
+          saved.left_out.insert(key);
+        } else {
+          saved.tally.Add(key, is->revision);
+        }
+      });
+  saved.tiles = layer.tiles;
+  saved.id = layer.id;
 }
 
 void PutRecord(SQLite::Statement& put, int index, const std::string& bytes) {
@@ -499,55 +513,19 @@ std::map<LayerId, int64_t> RowsOfLayers(SQLite::Database& database) {
   return rows;
 }
 
-// The next id after `row`, which moves there, that no layer and no tile has.
-int64_t NextUnusedRow(int64_t& row, SQLite::Statement& in_use) {
-  bool is_used = true;
-  while (is_used) {
-    in_use.bind(1, ++row);
-    in_use.executeStep();
-    is_used = in_use.getColumn(0).getInt() != 0;
-    in_use.reset();
-  }
-  return row;
-}
-
-// Deletes tiles of layers that are not in `rows`, so many at a time that a save stays short. Nobody
-// reads them meanwhile, and no other layer gets their number.
-void DeleteSomeOld(const std::vector<int64_t>& rows, SQLite::Database& database) {
-  constexpr int64_t kMaxTiles = 4096;
-  SQLite::Statement next(database, "SELECT min(layer) FROM tile WHERE layer > ?");
-  SQLite::Statement remove(database,
-                           "DELETE FROM tile WHERE rowid IN "
-                           "(SELECT rowid FROM tile WHERE layer = ? LIMIT ?)");
-  int64_t row = std::numeric_limits<int64_t>::min();
-  int64_t left = kMaxTiles;
-  while (left > 0) {
-    next.bind(1, row);
-    if (!next.executeStep() || next.getColumn(0).isNull()) return;
-    row = next.getColumn(0).getInt64();
-    next.reset();
-    if (std::find(rows.begin(), rows.end(), row) != rows.end()) continue;
-    remove.bind(1, row);
-    remove.bind(2, left);
-    left -= remove.exec();
-    remove.reset();
-  }
-}
-
 }  // namespace
 
-bool SavedLayer::GoesOnAs(const LayerSnapshot& layer) const {
-  const bool is_same = tree_lineage == 0 ? layer.id == id : layer.tiles.lineage() == tree_lineage;
-  return is_same && layer.tiles.size() >= num_tiles;
+void TileTally::Add(TileKey key, uint64_t revision) {
+  const std::array<uint64_t, 3> row{FromSql(key.tx), FromSql(key.ty), revision};
+  ++tiles;
+  digest += XXH3_64bits(row.data(), sizeof row);
 }
 
-std::vector<SavedLayer> SavedLayersOf(const LayerSet& map) {
-  std::vector<SavedLayer> saved;
-  for (const LayerSnapshot& layer : map.layers) {
-    saved.push_back(
-        {layer.id, layer.tiles.version(), layer.tiles.lineage(), layer.tiles.size(), {}, {}});
-  }
-  return saved;
+void TileTally::Remove(TileKey key, uint64_t revision) {
+  TileTally removed;
+  removed.Add(key, revision);
+  tiles -= removed.tiles;
+  digest -= removed.digest;
 }
 
 bool IsUnused(SQLite::Database& database) {
@@ -557,26 +535,29 @@ bool IsUnused(SQLite::Database& database) {
 void MakeSchema(SQLite::Database& database) {
   database.exec("PRAGMA page_size = 4096");  // ForEachRowOfPages() relies on it
   SQLite::Transaction transaction(database);
-  database.exec(kSchema);
-  database.exec(kArchiveTables);
   database.exec(fmt::format("PRAGMA application_id = {}", kApplicationId));
-  database.exec(fmt::format("PRAGMA user_version = {}", kSchemaVersion));
+  RemakeTables(database);
   transaction.commit();
 }
 
-void UpgradeSchema(SQLite::Database& database) {
-  const int version = VersionOf(database);
-  if (version == kSchemaVersion) return;
-  SQLite::Transaction transaction(database, SQLite::TransactionBehavior::IMMEDIATE);
-  if (version < kArchiveVersion) database.exec(kArchiveTables);
+bool HasCurrentSchema(SQLite::Database& database) { return VersionOf(database) == kSchemaVersion; }
+
+void RemakeTables(SQLite::Database& database) {
+  for (const char* table :
+       {"map", "layer", "tile", "tile_square", "scan_beams", "scan_poses", "base_tile"}) {
+    database.exec(fmt::format("DROP TABLE IF EXISTS {}", table));
+  }
+  for (const char* tables : {kRecordTables, kTileTables, kScanTables}) database.exec(tables);
   database.exec(fmt::format("PRAGMA user_version = {}", kSchemaVersion));
-  transaction.commit();
 }
 
 absl::Status CheckSchema(const std::string& path, SQLite::Database& database) {
   SQLite::Database expected(":memory:", SQLite::OPEN_READWRITE);
-  expected.exec(kSchema);
-  if (VersionOf(database) >= kArchiveVersion) expected.exec(kArchiveTables);
+  const int version = VersionOf(database);
+  expected.exec(kRecordTables);
+  expected.exec(version >= kSquareVersion ? kTileTables : kKeyedTileTable);
+  if (version >= kArchiveVersion) expected.exec(kScanTables);
+  if (version >= kArchiveVersion && version < kSquareVersion) expected.exec(kBaseTable);
   const std::vector<std::string> tables = Tables(database);
   const std::vector<std::string> our_tables = Tables(expected);
   const bool has_our_id = database.execAndGet("PRAGMA application_id").getInt() == kApplicationId;
@@ -589,7 +570,6 @@ absl::Status CheckSchema(const std::string& path, SQLite::Database& database) {
   if (!has_our_id) {
     return InvalidArgument("{} is no map file: it is a database of another program", path);
   }
-  const int version = VersionOf(database);
   if (version < kOldestSchemaVersion || version > kSchemaVersion) {
     return FailedPrecondition("{} has schema {} and was made by {} splinemap; this one knows {}",
                               path, version, version > kSchemaVersion ? "a newer" : "an older",
@@ -601,8 +581,83 @@ absl::Status CheckSchema(const std::string& path, SQLite::Database& database) {
   return absl::OkStatus();
 }
 
-absl::StatusOr<LoadedMap> ReadMap(const std::string& path, SQLite::Database& database,
-                                  SavedArchives* archives) {
+namespace {
+
+void ReadKeyedTiles(SQLite::Database& database, MapReader& reader) {
+  SQLite::Statement tiles(database,
+                          "SELECT tx, ty, revision, checksum, content FROM tile WHERE layer = ?");
+  for (const int64_t row : reader.LayerRows()) {
+    tiles.bind(1, row);
+    while (tiles.executeStep()) {
+      reader.HandleKeyedTile({0, row, tiles.getColumn(0).getInt64(), tiles.getColumn(1).getInt64(),
+                              FromSql(tiles.getColumn(2).getInt64()),
+                              FromSql(tiles.getColumn(3).getInt64()),
+                              tiles.getColumn(4).getString()});
+    }
+    tiles.reset();
+  }
+}
+
+// Finds the tiles of squares.
+class SquareReader {
+ public:
+  SquareReader(std::shared_ptr<TileRows> rows, SQLite::Database& database, MapReader& reader)
+      : rows_(std::move(rows)), tiles_(database, reader.limits()), reader_(reader) {}
+
+  void Read(SQLite::Database& database) {
+    SQLite::Statement squares(database,
+                              "SELECT x, y, content, checksum FROM tile_square WHERE tree = ?");
+    for (const int64_t tree : reader_.Trees()) {
+      squares.bind(1, tree);
+      while (squares.executeStep()) {
+        const auto entries = EntriesOfSquare(
+            tree, squares.getColumn(0).getInt64(), squares.getColumn(1).getInt64(),
+            squares.getColumn(2).getString(), FromSql(squares.getColumn(3).getInt64()));
+        if (!entries.ok()) reader_.HandleDamagedSquare(entries.status());
+        if (!entries.ok()) continue;
+        for (const SquareEntry& entry : *entries) {
+          reader_.HandleEntry(tree, entry, TileOf(tree, entry));
+        }
+      }
+      squares.reset();
+    }
+  }
+
+  const absl::flat_hash_set<int64_t>& numbers() const { return numbers_; }
+
+ private:
+  MapReader::ReadTile TileOf(int64_t tree, const SquareEntry& entry) {
+    const bool is_first = numbers_.insert(entry.number).second;
+    if (!is_first && tree < 0 && rows_ != nullptr) {
+      // A base has tiles of its layer.
+      for (const int64_t row : reader_.LayerRows()) {
+        auto tile = reader_.TileOfLayer(row, entry.key);
+        if (tile != nullptr && tile->NumberAt(rows_.get()) == entry.number) return tile;
+      }
+    }
+    const bool has_row = is_first && rows_ != nullptr;
+    if (has_row && rows_->memory() != nullptr) {
+      return std::make_shared<const StoredTile>(rows_, entry.number, entry.checksum, entry.touched);
+    }
+    SPLINEMAP_ASSIGN_OR_RETURN(const Tile content, tiles_.Read(entry.number));
+    auto tile = std::make_shared<const StoredTile>(content);
+    if (tile->Checksum(entry.key) != entry.checksum) {
+      return DataLoss("tile ({}, {}) is another", entry.key.tx, entry.key.ty);
+    }
+    if (has_row) tile->SetSource(rows_, entry.number);
+    return tile;
+  }
+
+  const std::shared_ptr<TileRows> rows_;
+  TileReader tiles_;
+  MapReader& reader_;
+  absl::flat_hash_set<int64_t> numbers_;
+};
+
+}  // namespace
+
+absl::StatusOr<ReadRows> ReadMap(const std::string& path, SQLite::Database& database,
+                                 MakeTileRows make_rows) {
   MapReader reader(path);
   SQLite::Statement map_row(database, "SELECT record FROM map");
   while (map_row.executeStep()) reader.ReadMapRow(map_row.getColumn(0).getString());
@@ -612,40 +667,81 @@ absl::StatusOr<LoadedMap> ReadMap(const std::string& path, SQLite::Database& dat
   }
   if (database.execAndGet("SELECT EXISTS (SELECT 1 FROM tile)").getInt() != 0) reader.NoteTiles();
   SPLINEMAP_RETURN_IF_ERROR(reader.BeginTiles());
-  SQLite::Statement tiles(database,
-                          "SELECT tx, ty, revision, checksum, content FROM tile WHERE layer = ?");
-  for (const int64_t row : reader.LayerRows()) {
-    tiles.bind(1, row);
-    while (tiles.executeStep()) {
-      reader.HandleTile({row, tiles.getColumn(0).getInt64(), tiles.getColumn(1).getInt64(),
-                         FromSql(tiles.getColumn(2).getInt64()),
-                         FromSql(tiles.getColumn(3).getInt64()), tiles.getColumn(4).getString()});
-    }
-    tiles.reset();
+  const int version = VersionOf(database);
+  ReadRows read;
+  if (version < kSquareVersion) {
+    ReadKeyedTiles(database, reader);
+    if (version >= kArchiveVersion) reader.archives().ReadScans(database);
+    if (version >= kArchiveVersion) reader.archives().ReadBaseTable(database);
+    read.map = reader.Finish();
+    return read;
   }
-  if (VersionOf(database) >= kArchiveVersion) reader.archives().Read(database);
-  LoadedMap loaded = reader.Finish();
-  if (archives != nullptr) *archives = reader.saved_archives();
-  return loaded;
+  const std::shared_ptr<TileRows> rows = make_rows(reader.limits());
+  SquareReader squares(rows, database, reader);
+  squares.Read(database);
+  reader.archives().ReadScans(database);
+  read.map = reader.Finish();
+  if (rows != nullptr) {
+    const auto last = database.execAndGet("SELECT ifnull(max(number), 0) FROM tile");
+    rows->BeginWith(last.getInt64(), reader.tile_rows(), squares.numbers());
+  }
+  for (const LayerSnapshot& layer : read.map.set.layers) {
+    SavedLayer saved{layer.id, layer.tiles, {}, {}, reader.saved_archives().at(layer.id)};
+    layer.tiles.ForEach(
+        [&](TileKey key, const TileTree::Entry& entry) { saved.tally.Add(key, entry.revision); });
+    read.saved.push_back(std::move(saved));
+  }
+  return read;
 }
 
 absl::StatusOr<LoadedMap> ReadMapOfPages(const std::string& path) {
   MapReader reader(path);
+  struct Claim {
+    int64_t tree;
+    SquareEntry entry;
+  };
+  absl::flat_hash_map<int64_t, std::vector<Claim>> claims;  // by number
   SPLINEMAP_RETURN_IF_ERROR(
       ForEachRowOfPages(path, [&](int64_t rowid, absl::Span<const PageColumn> columns) {
-        if (HasForm(columns, kTileForm)) reader.NoteTiles();
+        if (HasForm(columns, kTileForm) || HasForm(columns, kKeyedTileForm)) reader.NoteTiles();
         if (HasForm(columns, kMapForm)) reader.ReadMapRow(std::string(columns[1].bytes));
         if (HasForm(columns, kLayerForm)) {
           reader.ReadLayerRow(rowid, std::string(columns[3].bytes));
         }
+        if (!HasForm(columns, kSquareForm)) return;
+        const int64_t tree = columns[0].integer;
+        const auto entries =
+            EntriesOfSquare(tree, columns[1].integer, columns[2].integer,
+                            std::string(columns[3].bytes), FromSql(columns[4].integer));
+        if (!entries.ok()) return;  // what it had is missed
+        for (const SquareEntry& entry : *entries) claims[entry.number].push_back({tree, entry});
       }));
   SPLINEMAP_RETURN_IF_ERROR(reader.BeginTiles());
-  SPLINEMAP_RETURN_IF_ERROR(ForEachRowOfPages(path, [&](int64_t,
+  const auto handle_tile = [&](const TileRow& row) {
+    const auto found = claims.find(row.number);
+    if (found == claims.end()) return reader.HandleLooseTile(row);
+    for (const auto& [tree, entry] : found->second) {
+      const absl::StatusOr<Tile> tile = TileOfRow(row, entry.key, reader.limits());
+      if (tile.ok() && TileChecksum(entry.key, *tile) == entry.checksum) {
+        reader.HandleEntry(tree, entry, std::make_shared<const StoredTile>(*tile));
+      } else {
+        reader.HandleEntry(tree, entry,
+                           tile.ok()
+                               ? DataLoss("tile ({}, {}) is another", entry.key.tx, entry.key.ty)
+                               : tile.status());
+      }
+    }
+  };
+  SPLINEMAP_RETURN_IF_ERROR(ForEachRowOfPages(path, [&](int64_t rowid,
                                                         absl::Span<const PageColumn> columns) {
     if (HasForm(columns, kTileForm)) {
-      reader.HandleTile({columns[0].integer, columns[1].integer, columns[2].integer,
-                         FromSql(columns[3].integer), FromSql(columns[4].integer),
-                         std::string(columns[5].bytes)});
+      handle_tile({rowid, columns[1].integer, columns[2].integer, columns[3].integer,
+                   FromSql(columns[4].integer), FromSql(columns[5].integer),
+                   std::string(columns[6].bytes)});
+    } else if (HasForm(columns, kKeyedTileForm)) {
+      reader.HandleKeyedTile({0, columns[0].integer, columns[1].integer, columns[2].integer,
+                              FromSql(columns[3].integer), FromSql(columns[4].integer),
+                              std::string(columns[5].bytes)});
     } else if (HasForm(columns, kBeamsForm)) {
       reader.archives().HandleBlock(ArchiveReader::kBeams, columns[0].integer, columns[1].integer,
                                     FromSql(columns[3].integer), std::string(columns[2].bytes));
@@ -673,66 +769,86 @@ bool PagesHoldMap(const std::string& path) {
   return read.ok() && holds_map;
 }
 
-Written WriteMap(const LayerSet& map, const std::vector<SavedLayer>& saved,
-                 SQLite::Database& database) {
-  Written written;
-  const std::map<LayerId, int64_t> known_rows = RowsOfLayers(database);
-  SQLite::Statement in_use(
-      database,
-      "SELECT EXISTS (SELECT 1 FROM layer WHERE id = ?1) OR EXISTS (SELECT 1 FROM tile WHERE "
-      "layer = ?1)");
+MapRowWriter::MapRowWriter(std::shared_ptr<TileRows> rows, SQLite::Database& database)
+    : rows_(std::move(rows)), database_(database), trees_(*rows_, database) {}
+
+MapRowWriter::~MapRowWriter() { rows_->GiveBack(forgotten_); }
+
+void MapRowWriter::Write(const LayerSet& map, const std::vector<SavedLayer>& saved,
+                         std::vector<std::string>& problems) {
+  const std::map<LayerId, int64_t> known_rows = RowsOfLayers(database_);
   int64_t last_row = 0;
+  for (const auto& [id, row] : known_rows) last_row = std::max(last_row, row);
   int64_t last_archive = 0;
   for (const SavedLayer& known : saved) last_archive = std::max(last_archive, known.archive.id);
-  std::vector<int64_t> rows;
   std::vector<store::LayerRecord> records;
+  std::vector<int64_t> trees;
+  std::vector<int64_t> archives;
   for (const LayerSnapshot& layer : map.layers) {
     if (const absl::Status status = CheckLayer(map, layer); !status.ok()) {
-      written.left_out.push_back(
+      problems.push_back(
           fmt::format("layer {} that cannot be: {}", Shown(layer.id.name), ErrorText(status)));
       continue;
     }
-    SavedLayer state{layer.id, layer.tiles.version(), layer.tiles.lineage(), layer.tiles.size(), {},
-                     {}};
-    uint64_t since = 0;
-    int64_t row = 0;
-    SavedArchive saved_archive;
+    SavedLayer state;
     for (const SavedLayer& known : saved) {
-      if (known.id == layer.id) saved_archive = known.archive;
-      const auto known_row = known_rows.find(known.id);
-      if (!known.GoesOnAs(layer) || known_row == known_rows.end()) continue;
-      row = known_row->second;
-      since = known.tree_version;
-      state.left_out = known.left_out;
+      if (known.id == layer.id) state = known;
     }
-    if (row == 0) row = NextUnusedRow(last_row, in_use);
-    rows.push_back(row);
-    WriteTiles(layer, row, since, map.options.limits, database, state.left_out);
+    const SavedLayer before = state;
+    const auto known_row = known_rows.find(layer.id);
+    const int64_t row = known_row == known_rows.end() ? ++last_row : known_row->second;
+    FollowChanges(layer, map.options.limits, state);
+    trees_.Write(row, row, before.tiles, layer.tiles, state.left_out);
+    trees.push_back(row);
     if (!state.left_out.empty()) {
       const TileKey first = *state.left_out.begin();
-      written.left_out.push_back(
+      problems.push_back(
           fmt::format("{} tiles of layer {} that cannot be, the first is tile ({}, {})",
                       state.left_out.size(), Shown(layer.id.name), first.tx, first.ty));
     }
-    records.push_back(LayerRecordOf(layer, row, state.left_out));
+    records.push_back(LayerRecordOf(layer, row, state.tally));
     if (layer.archive != nullptr) {
-      state.archive = WriteArchive(*layer.archive, layer.tiles, saved_archive, last_archive,
-                                   *records.back().mutable_archive(), database);
+      state.archive = WriteArchive(*layer.archive, layer.tiles, before.archive, last_archive,
+                                   *records.back().mutable_archive(), trees_, database_);
+      archives.push_back(state.archive.id);
+      trees.push_back(TreeOfBase(state.archive.id));
+    } else {
+      state.archive = {};
     }
-    written.saved.push_back(std::move(state));
+    saved_.push_back(std::move(state));
   }
-  DeleteSomeOld(rows, database);
-  std::vector<int64_t> archives;
-  for (const SavedLayer& layer : written.saved) archives.push_back(layer.archive.id);
-  DeleteOtherArchives(archives, database);
-  store::MapRecord map_record = MapRecordOf(map, records.size(), written.left_out);
-  database.exec("DELETE FROM layer");
-  SQLite::Statement put_layer(database,
+  trees_.DeleteOtherTrees(trees);
+  DeleteOtherArchives(archives, database_);
+  DeleteUnusedRows();
+  WriteRecords(map, std::move(records), problems);
+}
+
+// So many that a save stays short.
+void MapRowWriter::DeleteUnusedRows() {
+  constexpr size_t kMaxRows = 4096;
+  forgotten_ = rows_->TakeForgotten(kMaxRows);
+  std::vector<int64_t> unused = rows_->Sweep(database_);
+  unused.insert(unused.end(), forgotten_.begin(), forgotten_.end());
+  SQLite::Statement remove(database_, "DELETE FROM tile WHERE number = ?");
+  for (const int64_t number : unused) {
+    remove.bind(1, number);
+    deleted_rows_ += remove.exec();
+    remove.reset();
+  }
+}
+
+void MapRowWriter::WriteRecords(const LayerSet& map, std::vector<store::LayerRecord> records,
+                                std::vector<std::string>& problems) {
+  store::MapRecord map_record = MapRecordOf(map, records.size(), problems);
+  map_record.set_tile_rows(
+      static_cast<uint64_t>(rows_->num_rows() + trees_.num_written() - deleted_rows_));
+  database_.exec("DELETE FROM layer");
+  SQLite::Statement put_layer(database_,
                               "INSERT INTO layer (id, name, origin, record) VALUES (?, ?, ?, ?)");
   for (const store::LayerRecord& record : records) {
     if (map_record.ByteSizeLong() < kMaxCopiesBytes) *map_record.add_layer() = record;
   }
-  SQLite::Statement put_map(database, "INSERT OR REPLACE INTO map (id, record) VALUES (1, ?)");
+  SQLite::Statement put_map(database_, "INSERT OR REPLACE INTO map (id, record) VALUES (1, ?)");
   PutRecord(put_map, 1, BytesOf(map_record));
   map_record.clear_layer();
   for (store::LayerRecord& record : records) {
@@ -742,8 +858,12 @@ Written WriteMap(const LayerSet& map, const std::vector<SavedLayer>& saved,
     put_layer.bind(3, ToSql(record.origin()));
     PutRecord(put_layer, 4, BytesOf(record));
   }
-  database.exec(fmt::format("PRAGMA user_version = {}", kSchemaVersion));
-  return written;
+}
+
+MapRowWriter::Written MapRowWriter::Finish() {
+  forgotten_.clear();
+  rows_->CountRows(trees_.num_written() - deleted_rows_);
+  return {std::move(saved_), trees_.TakeNumbers()};
 }
 
 }  // namespace splinemap

@@ -17,7 +17,7 @@ void LoadFine(const TileTree& finer, TileKey key, std::array<FineRow, kFineSide>
   const int32_t y0 = 2 * Tile::kSide * key.ty - kReach;
   for (int32_t ty = y0 >> 5; ty <= (y0 + kFineSide - 1) >> 5; ++ty) {
     for (int32_t tx = x0 >> 5; tx <= (x0 + kFineSide - 1) >> 5; ++tx) {
-      const Tile* tile = finer.Find({tx, ty});
+      const std::shared_ptr<const Tile> tile = FindTile(finer, {tx, ty});
       const int begin_x = std::max(32 * tx, x0);
       const int end_x = std::min(32 * tx + 32, x0 + kFineSide);
       const int end_y = std::min(32 * ty + 32, y0 + kFineSide);

@@ -6,6 +6,7 @@
 #include <array>
 #include <atomic>
 #include <bitset>
+#include <optional>
 
 #include "splinemap/key_tree.h"
 
@@ -139,6 +140,69 @@ void KeyTree<Value>::Visit(const Node& node, int level, uint32_t x, uint32_t y, 
               {leaf.tiles[child], leaf.revisions[child]});
       }
     }
+  }
+}
+
+// What of a tree lies in a square of some level: a node, or, above its root, all of it.
+template <typename Value>
+struct KeyTree<Value>::Part {
+  const Node* node;
+  int height;  // of the tree
+
+  // Requires a level above 0.
+  Part Child(uint32_t child, int level) const {
+    if (node == nullptr) return *this;
+    if (level >= height) return {child == key_tree::kCentreChild ? node : nullptr, height};
+    return {static_cast<const Inner*>(node)->children[child].get(), height};
+  }
+};
+
+template <typename Value>
+void KeyTree<Value>::ForEachDifference(const KeyTree& before, const KeyTree& after,
+                                       DifferenceVisitor visit) {
+  const int height = std::max(before.height_, after.height_);
+  if (height == 0) return;
+  const int shift = 3 * height;
+  const uint32_t corner = (key_tree::kBias >> shift) << shift;
+  VisitDifferences(Part{before.root_.get(), before.height_}, Part{after.root_.get(), after.height_},
+                   height - 1, corner, corner, visit);
+}
+
+template <typename Value>
+void KeyTree<Value>::VisitDifferences(const Part& before, const Part& after, int level, uint32_t x,
+                                      uint32_t y, DifferenceVisitor visit) {
+  const bool are_equal_kind = (level < before.height) == (level < after.height);
+  if (before.node == after.node && (are_equal_kind || before.node == nullptr)) return;
+  if (level == 0) {
+    return VisitDifferences(static_cast<const Leaf*>(before.node),
+                            static_cast<const Leaf*>(after.node), x, y, visit);
+  }
+  for (uint32_t child = 0; child < 64; ++child) {
+    VisitDifferences(before.Child(child, level), after.Child(child, level), level - 1,
+                     x | ((child & 7) << (3 * level)), y | ((child >> 3) << (3 * level)), visit);
+  }
+}
+
+template <typename Value>
+void KeyTree<Value>::VisitDifferences(const Leaf* before, const Leaf* after, uint32_t x, uint32_t y,
+                                      DifferenceVisitor visit) {
+  for (uint32_t child = 0; child < 64; ++child) {
+    const bool was = before != nullptr && before->tiles[child] != nullptr;
+    const bool is = after != nullptr && after->tiles[child] != nullptr;
+    if (!was && !is) continue;
+    if (was && is && before->tiles[child] == after->tiles[child] &&
+        before->revisions[child] == after->revisions[child]) {
+      continue;
+    }
+    const auto entry = [child](const Leaf& leaf) {
+      return Entry{leaf.tiles[child], leaf.revisions[child]};
+    };
+    std::optional<Entry> entry_before;
+    std::optional<Entry> entry_after;
+    if (was) entry_before.emplace(entry(*before));
+    if (is) entry_after.emplace(entry(*after));
+    visit({key_tree::Unbiased(x | (child & 7)), key_tree::Unbiased(y | (child >> 3))},
+          was ? &*entry_before : nullptr, is ? &*entry_after : nullptr);
   }
 }
 

@@ -4,7 +4,12 @@
 
 namespace splinemap {
 
-template class KeyTree<Tile>;
-template class KeyTreeEditor<Tile>;
+template class KeyTree<StoredTile>;
+template class KeyTreeEditor<StoredTile>;
+
+std::shared_ptr<const Tile> FindTile(const TileTree& tiles, TileKey key) {
+  const StoredTile* tile = tiles.Find(key);
+  return tile == nullptr ? nullptr : tile->Get();
+}
 
 }  // namespace splinemap

@@ -43,6 +43,10 @@ PublisherOptions PublisherOptionsOf(const config::Service& service) {
   return publisher;
 }
 
+size_t MaxTilesOf(const config::Service& service) {
+  return (size_t{service.max_memory_mb()} << 20) / TileMemory::kBytesPerTile;
+}
+
 LayerSnapshot OwnOf(StoredMap& stored) {
   LayerSnapshot own = stored.own.Snapshot();
   own.archive = std::make_shared<ScanArchive>(stored.archive);
@@ -58,8 +62,8 @@ void Log(bool is_problem, const std::string& text) {
 // In the order in which they are made; each uses those above it.
 struct Daemon::Parts {
   Parts(const config::Config& config, LcmBus& bus, NoticeLog& notices, MapFile file,
-        StoredMap stored)
-      : newest(stored.options, OwnOf(stored)),
+        StoredMap stored, std::shared_ptr<TileMemory> memory)
+      : newest(stored.options, OwnOf(stored), std::move(memory)),
         saver(std::move(file), newest, notices),
         receiving(bus, notices),
         mapping(config, stored.options, std::move(stored.own), std::move(stored.archive), newest,
@@ -93,7 +97,8 @@ struct Daemon::Parts {
 absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& asked,
                                                       std::unique_ptr<LcmBus> bus) {
   SPLINEMAP_RETURN_IF_ERROR(CheckConfig(asked));
-  SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(MapPath(asked)));
+  const auto memory = std::make_shared<TileMemory>(MaxTilesOf(asked.service()));
+  SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(MapPath(asked), memory));
   auto notices = std::make_unique<NoticeLog>(&Log);
   SPLINEMAP_ASSIGN_OR_RETURN(StoredMap stored, LoadStoredMap(asked, file, *notices));
   config::Config config = asked;
@@ -111,7 +116,7 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& aske
   }
   std::unique_ptr<Daemon> daemon(new Daemon(config, std::move(bus), std::move(notices)));
   daemon->parts_ = std::make_unique<Parts>(config, *daemon->bus_, *daemon->notices_,
-                                           std::move(file), std::move(stored));
+                                           std::move(file), std::move(stored), memory);
   SPLINEMAP_RETURN_IF_ERROR(daemon->StartThreads());
   return daemon;
 }

@@ -79,8 +79,8 @@ const LayerReport::Summary& LayerReport::SummaryOf(const LayerSnapshot& layer) {
   if (summary.lineage != layer.tiles.lineage()) summary = {};
   summary.lineage = layer.tiles.lineage();
   layer.tiles.ForEachChanged(summary.version, [&](TileKey key, const TileTree::Entry& entry) {
-    summary.hashes.Set(key, TileChecksum(key, *entry.tile));
-    summary.extent.Set(key, *entry.tile);
+    summary.hashes.Set(key, entry.tile->Checksum(key));
+    summary.extent.Set(key, entry.tile->Touched());
   });
   summary.version = layer.tiles.version();
   return summary;

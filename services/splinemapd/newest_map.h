@@ -9,10 +9,12 @@
 
 namespace splinemap {
 
-// The newest state of the daemon's own layer and of those that it follows. Thread-safe.
+// The newest state of the daemon's own layer and of those that it follows. `memory` bounds the
+// tiles of its sum. Thread-safe.
 class NewestMap {
  public:
-  NewestMap(MapOptions options, LayerSnapshot own) : options_(options), own_(std::move(own)) {}
+  NewestMap(MapOptions options, LayerSnapshot own, std::shared_ptr<TileMemory> memory = nullptr)
+      : options_(options), own_(std::move(own)), sum_(LevelOfDetail(), std::move(memory)) {}
 
   // These never wait for a sum.
   void SetOwn(LayerSnapshot own);

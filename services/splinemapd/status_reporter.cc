@@ -225,9 +225,10 @@ void StatusReporter::CheckContradictions() {
   for (const auto& [id, contradiction] : contradictions_.contradictions()) {
     if (!contradiction.IsTooMuch()) {
       if (!before.contains(id)) continue;
-      parts_.notices.Report({.is_problem = false,
-                             .subject = "agrees " + id.name,
-                             .text = fmt::format("the layer of {} agrees with the others", id.name)});
+      parts_.notices.Report(
+          {.is_problem = false,
+           .subject = "agrees " + id.name,
+           .text = fmt::format("the layer of {} agrees with the others", id.name)});
       continue;
     }
     contradicting_.insert(id);
@@ -262,8 +263,7 @@ layers_t StatusReporter::MakeLayers() {
   layers.num_refused = static_cast<int32_t>(layers.refused.size());
   layers.name = set->layers.front().id.name;
   layers.settings_hash = static_cast<int64_t>(replication_.settings_hash);
-  layers.layers = layer_report_.Make(*set, replication_.followed,
-                                      contradictions_.contradictions());
+  layers.layers = layer_report_.Make(*set, replication_.followed, contradictions_.contradictions());
   layers.num_layers = static_cast<int32_t>(layers.layers.size());
   return layers;
 }

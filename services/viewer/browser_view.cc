@@ -155,7 +155,7 @@ std::optional<std::string> BrowserView::NextFrame(const Sections& sections, doub
         const SurfaceLevels& levels = *find(request_->surfaces[tile.surface]);
         const auto content = levels.tiles(request_->level).Share(tile.key);
         const size_t begin = tiles.size();
-        if (content != nullptr && *content != Tile()) tiles += bodies.Of(content);
+        if (content != nullptr && *content->Get() != Tile()) tiles += bodies.Of(content);
         text += fmt::format("{}[{},{},{},{},{}]", count == 0 ? "" : ",", tile.surface, tile.key.tx,
                             tile.key.ty, tiles.size() - begin, tile.change->utime_ms);
         sent_[{tile.surface, tile.key}] = tile.change->number;

@@ -15,8 +15,8 @@ constexpr int kMaxGreatest = 2;  // levels of the greatest log-odds
 TileKey ParentOf(TileKey key) { return {key.tx >> 1, key.ty >> 1}; }
 
 // A tile that is gone, once for all.
-const std::shared_ptr<const Tile>& Nothing() {
-  static const auto kNothing = std::make_shared<const Tile>();
+const std::shared_ptr<const StoredTile>& Nothing() {
+  static const auto kNothing = std::make_shared<const StoredTile>();
   return kNothing;
 }
 
@@ -36,7 +36,8 @@ Tile MeanTile(const TileTree& finer, TileKey key) {
   for (int quarter = 0; quarter < 4; ++quarter) {
     const int right = quarter % 2;
     const int upper = quarter / 2;
-    const Tile* tile = finer.Find({2 * key.tx + right, 2 * key.ty + upper});
+    const std::shared_ptr<const Tile> tile =
+        FindTile(finer, {2 * key.tx + right, 2 * key.ty + upper});
     if (tile == nullptr) continue;
     for (int j = 0; j < kHalf; ++j) {
       for (int i = 0; i < kHalf; ++i) {
@@ -79,8 +80,10 @@ void SurfaceLevels::SetFinest(const TileTree& tiles, int64_t utime_ms) {
   if (!continues) box_ = {};
   tiles.ForEachChanged(continues ? before.version() : 0,
                        [&](TileKey key, const TileTree::Entry& entry) {
-                         const Tile* old = before.Find(key);
-                         if (old == nullptr || *old != *entry.tile) SetChanged(0, key, utime_ms);
+                         const StoredTile* old = before.Find(key);
+                         if (old == nullptr || !HaveEqualContent(*old, *entry.tile)) {
+                           SetChanged(0, key, utime_ms);
+                         }
                          box_.Add(key);
                        });
   if (continues) return;
@@ -98,9 +101,9 @@ void SurfaceLevels::MakeWaiting(int number, int64_t utime_ms, size_t& max_tiles)
     level.waiting.erase(it++);
     Tile tile =
         number <= kMaxGreatest ? CoarserTile(finer, key, Statistic::kMax) : MeanTile(finer, key);
-    const Tile* before = level.editor.tree().Find(key);
+    const std::shared_ptr<const Tile> before = FindTile(level.editor.tree(), key);
     if (before == nullptr ? tile == Tile() : tile == *before) continue;
-    level.editor.Put(key, tile == Tile() ? Nothing() : std::make_shared<const Tile>(tile),
+    level.editor.Put(key, tile == Tile() ? Nothing() : std::make_shared<const StoredTile>(tile),
                      last_change_);
     SetChanged(number, key, utime_ms);
     is_changed = true;

@@ -31,11 +31,11 @@ std::string Deflate(const Tile& tile) {
 
 }  // namespace
 
-const std::string& TileBodies::Of(const std::shared_ptr<const Tile>& tile) {
+const std::string& TileBodies::Of(const std::shared_ptr<const StoredTile>& tile) {
   if (const auto found = by_tile_.find(tile.get()); found != by_tile_.end()) {
     newest_first_.splice(newest_first_.begin(), newest_first_, found->second);
   } else {
-    newest_first_.push_front({tile, Deflate(*tile)});
+    newest_first_.push_front({tile, Deflate(*tile->Get())});
     by_tile_[tile.get()] = newest_first_.begin();
     if (newest_first_.size() > kMaxTiles) {
       by_tile_.erase(newest_first_.back().tile.get());

@@ -18,16 +18,16 @@ class TileBodies {
 
   // Deflate without a header of the control points, row-major, int16, little-endian. Valid until
   // the next call.
-  const std::string& Of(const std::shared_ptr<const Tile>& tile);
+  const std::string& Of(const std::shared_ptr<const StoredTile>& tile);
 
  private:
   struct Body {
-    std::shared_ptr<const Tile> tile;  // keeps its address from being used again
+    std::shared_ptr<const StoredTile> tile;  // keeps its address from being used again
     std::string bytes;
   };
 
   std::list<Body> newest_first_;
-  absl::flat_hash_map<const Tile*, std::list<Body>::iterator> by_tile_;
+  absl::flat_hash_map<const StoredTile*, std::list<Body>::iterator> by_tile_;
 };
 
 }  // namespace splinemap

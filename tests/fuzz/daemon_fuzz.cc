@@ -162,8 +162,8 @@ std::vector<std::pair<std::string, Bytes>> MakeSequence(const Pool& pool, int64_
 bool HaveSameTiles(const TileTree& a, const TileTree& b) {
   bool same = a.size() == b.size();
   a.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    const Tile* other = b.Find(key);
-    same = same && other != nullptr && *other == *entry.tile;
+    const StoredTile* other = b.Find(key);
+    same = same && other != nullptr && HaveEqualContent(*other, *entry.tile);
   });
   return same;
 }
@@ -271,7 +271,7 @@ class Fuzz {
     Tile tile;
     tile.control_points.fill(static_cast<ControlPoint>(1 + end_.revision % 1000));
     TileTreeEditor tiles;
-    tiles.Put({0, 0}, std::make_shared<const Tile>(tile), end_.revision);
+    tiles.Put({0, 0}, std::make_shared<const StoredTile>(tile), end_.revision);
     end_.tiles = tiles.Freeze();
     for (const ValidMessage& message : MessagesOf(end_, kOptions)) {
       if (message.type == "layer_digest_t" && SpeakerOf(message.bytes) == end_.session.nonce) {

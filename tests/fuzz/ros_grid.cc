@@ -30,7 +30,7 @@ void Run(FuzzInput input) {
   const absl::StatusOr<TileTree> tiles = TilesOf(*grid, {}, options);
   if (!tiles.ok()) return;
   tiles->ForEach([](TileKey, const TileTree::Entry& entry) {
-    Require(CountTouched(*entry.tile) > 0, "a tile has something");
+    Require(CountTouched(*entry.tile->Get()) > 0, "a tile has something");
   });
 }
 

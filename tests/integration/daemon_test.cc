@@ -303,7 +303,7 @@ TEST_F(DaemonTest, ALayerWithoutRoomToCountOnGoesOnAsAnotherFromTheBeginning) {
     EXPECT_EQ(saved->layers[0].revision, 21u);
     EXPECT_EQ(saved->layers[0].tiles.RevisionOf({3, 50}), 1u);
     const auto view = ViewOf(*saved);
-    EXPECT_EQ(*view->tiles.Find({3, 50}), *map.View()->tiles.Find({3, 50}));
+    EXPECT_EQ(*FindTile(view->tiles, {3, 50}), *FindTile(map.View()->tiles, {3, 50}));
     daemon_.reset();
   }
 }

@@ -12,9 +12,10 @@ namespace {
 TileTree Negated(const TileTree& tiles) {
   TileTreeEditor negated;
   tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    Tile& tile = negated.Edit(key, entry.revision);
+    const auto content = entry.tile->Get();
+    Tile& tile = negated.Edit(key, entry.revision).Edit();
     for (int k = 0; k < Tile::kSize; ++k) {
-      tile.control_points[k] = static_cast<ControlPoint>(-entry.tile->control_points[k]);
+      tile.control_points[k] = static_cast<ControlPoint>(-content->control_points[k]);
     }
   });
   return negated.Freeze();

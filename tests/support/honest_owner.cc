@@ -25,14 +25,14 @@ HonestOwner::HonestOwner(const std::string& name, const MapOptions& options, uin
 void HonestOwner::Remember() {
   truth_ = mapper_ ? mapper_->SnapshotOf(layer_) : layer_.Snapshot();
   truth_.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    mapped_.emplace(truth_.id, TileChecksum(key, *entry.tile));
+    mapped_.emplace(truth_.id, TileChecksum(key, *entry.tile->Get()));
   });
 }
 
 bool HonestOwner::HasMapped(const LayerId& id, const TileTree& tiles) const {
   bool all = true;
   tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    all = all && mapped_.contains({id, TileChecksum(key, *entry.tile)});
+    all = all && mapped_.contains({id, TileChecksum(key, *entry.tile->Get())});
   });
   return all;
 }

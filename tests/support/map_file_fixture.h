@@ -18,7 +18,7 @@ using Content = std::map<std::pair<int, int>, std::pair<Tile, uint64_t>>;
 inline Content ContentOf(const TileTree& tree) {
   Content content;
   tree.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    content[{key.tx, key.ty}] = {*entry.tile, entry.revision};
+    content[{key.tx, key.ty}] = {*entry.tile->Get(), entry.revision};
   });
   return content;
 }

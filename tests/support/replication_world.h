@@ -187,8 +187,8 @@ class World {
     owner.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
       if (subset.box && !subset.box->Contains(key)) return;
       ++num_tiles;
-      const Tile* tile = copy.tiles.Find(key);
-      is_equal = is_equal && tile != nullptr && *tile == *entry.tile &&
+      const StoredTile* tile = copy.tiles.Find(key);
+      is_equal = is_equal && tile != nullptr && HaveEqualContent(*tile, *entry.tile) &&
                  (subset.level_of_detail.level > 0 || copy.tiles.RevisionOf(key) <= entry.revision);
     });
     return is_equal && copy.tiles.size() == num_tiles;

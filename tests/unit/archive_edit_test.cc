@@ -72,7 +72,7 @@ TEST(ArchiveEditTest, SaysWhetherItChangesAnything) {
   EXPECT_TRUE(placed.Changes(archive));
   ScanArchive with_base = archive;
   TileTreeEditor base;
-  base.Edit({0, 0}, 1).control_points[0] = 1;
+  base.Edit({0, 0}, 1).Edit().control_points[0] = 1;
   with_base.base.tiles = base.Freeze();
   ArchiveEdit without_base;
   without_base.keeps_base = false;
@@ -132,7 +132,7 @@ TEST(CorrectByTest, AnotherClockIsNamed) {
 TEST(CorrectByTest, WhatTheBaseHasOfThatTimeCannotBeMoved) {
   ScanArchive archive = StraightDrive(5);
   TileTreeEditor tiles;
-  tiles.Edit({0, 0}, 1).control_points.fill(5);
+  tiles.Edit({0, 0}, 1).Edit().control_points.fill(5);
   archive.base = {tiles.Freeze(), {}, 70, seconds(2)};
   EXPECT_TRUE(absl::IsFailedPrecondition(
       CorrectBy(archive, TrajectoryOf({{seconds(1), {}}, {seconds(3), {}}})).status()));
@@ -153,7 +153,7 @@ TEST(ForgetBeforeTest, LeavesTheScansSince) {
   EXPECT_EQ(TimesOf(ForgetBefore(archive, seconds(4))->Apply(archive)),
             (std::vector<int64_t>{4, 5}));
   TileTreeEditor tiles;
-  tiles.Edit({0, 0}, 1).control_points.fill(5);
+  tiles.Edit({0, 0}, 1).Edit().control_points.fill(5);
   archive.base = {tiles.Freeze(), {}, 70, seconds(2)};
   EXPECT_TRUE(ForgetBefore(archive, seconds(3))->Apply(archive).base.IsEmpty());
   EXPECT_TRUE(absl::IsFailedPrecondition(ForgetBefore(archive, seconds(2)).status()));
@@ -168,7 +168,7 @@ TEST(WindBackToTest, LeavesTheScansBefore) {
   EXPECT_EQ(TimesOf(WindBackTo(archive, seconds(2))->Apply(archive)),
             (std::vector<int64_t>{0, 1, 2}));
   TileTreeEditor tiles;
-  tiles.Edit({0, 0}, 1).control_points.fill(5);
+  tiles.Edit({0, 0}, 1).Edit().control_points.fill(5);
   archive.base = {tiles.Freeze(), {}, 70, seconds(2)};
   EXPECT_FALSE(WindBackTo(archive, seconds(2))->Apply(archive).base.IsEmpty());
   EXPECT_FALSE(WindBackTo(archive, seconds(1)).ok());

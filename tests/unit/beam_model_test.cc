@@ -70,7 +70,7 @@ std::map<std::pair<int, int>, double> PaperSums(const std::vector<PlacedBeam>& b
 }
 
 double ControlPointAt(const MapView& map, int i, int j) {
-  const Tile* tile = map.tiles.Find(TileOf(i, j));
+  const auto tile = FindTile(map.tiles, TileOf(i, j));
   return tile == nullptr ? 0 : tile->control_points[IndexInTile(i, j)] / double{kUnitsPerLogOdds};
 }
 
@@ -143,9 +143,9 @@ std::vector<PlacedBeam> RandomBeams(int count) {
 void ExpectEqual(const MapView& a, const MapView& b) {
   ASSERT_EQ(a.tiles.size(), b.tiles.size());
   a.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    const Tile* other = b.tiles.Find(key);
+    const auto other = FindTile(b.tiles, key);
     ASSERT_NE(other, nullptr);
-    EXPECT_EQ(*entry.tile, *other);
+    EXPECT_EQ(*entry.tile->Get(), *other);
   });
 }
 
@@ -180,7 +180,8 @@ TEST(BeamModelTest, ABeamWithoutHitOnlyClears) {
   for (const BeamUpdate update : kAllUpdates) {
     const auto map = MapOf({Beam(0, 0, 0.3, 5, false)}, {.update = update});
     map->tiles.ForEach([](TileKey, const TileTree::Entry& entry) {
-      for (const ControlPoint c : entry.tile->control_points) EXPECT_LE(c, 0);
+      const auto tile = entry.tile->Get();
+      for (const ControlPoint c : tile->control_points) EXPECT_LE(c, 0);
     });
     EXPECT_LT(map->Evaluate(2 * std::cos(0.3), 2 * std::sin(0.3)).log_odds, -0.2);
   }

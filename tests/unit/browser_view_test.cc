@@ -59,7 +59,7 @@ Frame Parse(const std::string& bytes) {
 // A server of one surface, and a page that acknowledges what it takes in.
 class BrowserViewTest : public testing::Test {
  protected:
-  Tile& Edit(TileKey key) { return tiles_.Edit(key, ++revision_); }
+  Tile& Edit(TileKey key) { return tiles_.Edit(key, ++revision_).Edit(); }
   void Commit(int64_t utime_ms = 1) {
     while (levels_.Advance(tiles_.Freeze(), utime_ms, 1'000'000)) {
     }
@@ -92,7 +92,7 @@ class BrowserViewTest : public testing::Test {
   std::map<TileKey, Tile> InTree() const {
     std::map<TileKey, Tile> all;
     tiles_.tree().ForEach(
-        [&](TileKey key, const TileTree::Entry& entry) { all[key] = *entry.tile; });
+        [&](TileKey key, const TileTree::Entry& entry) { all[key] = *entry.tile->Get(); });
     return all;
   }
 
@@ -260,7 +260,7 @@ TEST_F(BrowserViewTest, FromFarASquareIsAsOccupiedAsItsParts) {
     }
   }
   Commit();
-  const Tile* level_3 = levels_.tiles(3).Find({0, 0});
+  const auto level_3 = FindTile(levels_.tiles(3), {0, 0});
   ASSERT_NE(level_3, nullptr);
   for (int j = 0; j < 4; ++j) {
     for (int i = 0; i < 2; ++i) {
@@ -269,7 +269,7 @@ TEST_F(BrowserViewTest, FromFarASquareIsAsOccupiedAsItsParts) {
     EXPECT_EQ(level_3->control_points[IndexInTile(2, j)], 0);
   }
   // Once more from one that is half there.
-  const Tile* level_5 = levels_.tiles(5).Find({0, 0});
+  const auto level_5 = FindTile(levels_.tiles(5), {0, 0});
   ASSERT_NE(level_5, nullptr);
   EXPECT_NEAR(Probability(level_5->control_points[0] / 256.0), 0.25, 0.001);
 }
@@ -286,9 +286,9 @@ TEST_F(BrowserViewTest, CoarserLevelsFollowPieceByPiece) {
   }
   for (int level = 1; level <= LevelOfDetail::kMaxLevel; ++level) {
     at_once.tiles(level).ForEach([&](TileKey key, const TileTree::Entry& entry) {
-      const Tile* tile = levels_.tiles(level).Find(key);
+      const auto tile = FindTile(levels_.tiles(level), key);
       ASSERT_NE(tile, nullptr);
-      ASSERT_EQ(*tile, *entry.tile);
+      ASSERT_EQ(*tile, *entry.tile->Get());
     });
     EXPECT_GE(levels_.tiles(level).size(), at_once.tiles(level).size());
   }
@@ -355,12 +355,12 @@ TEST_F(BrowserViewTest, AViewOfTheWholeWorldIsBounded) {
 
 TEST(TileBodiesTest, ATileIsCompressedOnceAndMemoryIsBounded) {
   TileBodies bodies;
-  const auto tile = std::make_shared<const Tile>();
+  const auto tile = std::make_shared<const StoredTile>();
   const std::string* first = &bodies.Of(tile);
   EXPECT_EQ(first, &bodies.Of(tile));
-  std::weak_ptr<const Tile> oldest;
+  std::weak_ptr<const StoredTile> oldest;
   for (size_t k = 0; k <= TileBodies::kMaxTiles; ++k) {
-    const auto other = std::make_shared<const Tile>();
+    const auto other = std::make_shared<const StoredTile>();
     if (k == 0) oldest = other;
     bodies.Of(other);
   }

@@ -88,8 +88,8 @@ class ExactSearch {
   ExactSearch(std::shared_ptr<const MapView> map, const DistanceFieldOptions& options)
       : map_(std::move(map)),
         options_(options),
-        bounds_(SurfaceBoundsEditor().Update(*map_)),
-        search_(*map_, bounds_, options.occupied_log_odds, options.unknown) {}
+        bounds_(map_),
+        search_(bounds_, options.occupied_log_odds, options.unknown) {}
 
   DistancesQuery::Distance At(const Eigen::Vector2d& point_m) {
     return FindDistance(search_, point_m, options_.max_distance_m, kKnot_m);

@@ -46,7 +46,8 @@ struct Content {
 uint64_t HashOf(const TileTree& tiles) {
   uint64_t hash = 0;
   tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    if (CountTouched(*entry.tile) > 0) hash += TileChecksum(key, *entry.tile);
+    const auto tile = entry.tile->Get();
+    if (CountTouched(*tile) > 0) hash += TileChecksum(key, *tile);
   });
   return hash;
 }
@@ -139,7 +140,7 @@ class Robot {
     before.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
       if (random_() % 4 != 0) tiles.Put(key, entry.tile, entry.revision);
     });
-    tiles.Edit(RandomKey(random_, 4), before.revision + 1).control_points.fill(7);
+    tiles.Edit(RandomKey(random_, 4), before.revision + 1).Edit().control_points.fill(7);
     layer_->ReplaceTiles({before.session.number + 1, before.session.nonce}, tiles.Freeze());
     Save();
   }

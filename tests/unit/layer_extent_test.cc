@@ -6,17 +6,17 @@
 
 namespace splinemap::layer_extent_test {
 
-Tile TileWith(std::initializer_list<std::pair<int, int>> points) {
+TouchedPoints TouchedAt(std::initializer_list<std::pair<int, int>> points) {
   Tile tile;
   for (const auto& [i, j] : points) tile.control_points[IndexInTile(i, j)] = -7;
-  return tile;
+  return TouchedPointsOf(tile);
 }
 
 TEST(LayerExtentTest, IsOfTheSquaresAboutKnownControlPoints) {
   LayerExtent extent;
   EXPECT_FALSE(extent.Box({}, 0.1));
-  extent.Set({0, 0}, TileWith({{3, 4}, {3, 5}, {10, 4}}));
-  extent.Set({-1, 2}, TileWith({{31, 0}}));
+  extent.Set({0, 0}, TouchedAt({{3, 4}, {3, 5}, {10, 4}}));
+  extent.Set({-1, 2}, TouchedAt({{31, 0}}));
   EXPECT_NEAR(extent.area_m2(0.1), 4 * 0.01, 1e-12);
   const auto box = extent.Box({}, 0.1);
   ASSERT_TRUE(box);
@@ -35,12 +35,12 @@ TEST(LayerExtentTest, IsOfTheSquaresAboutKnownControlPoints) {
 
 TEST(LayerExtentTest, ATileThatChangesCountsOnce) {
   LayerExtent extent;
-  extent.Set({0, 0}, TileWith({{3, 4}, {3, 5}}));
-  extent.Set({5, 5}, TileWith({}));
-  extent.Set({0, 0}, TileWith({{3, 4}}));
+  extent.Set({0, 0}, TouchedAt({{3, 4}, {3, 5}}));
+  extent.Set({5, 5}, TouchedAt({}));
+  extent.Set({0, 0}, TouchedAt({{3, 4}}));
   EXPECT_NEAR(extent.area_m2(1), 1, 1e-12);
   EXPECT_EQ(extent.Box({}, 1), (Region{2.5, 3.5, 3.5, 4.5}));
-  extent.Set({0, 0}, Tile());
+  extent.Set({0, 0}, TouchedPointsOf(Tile()));
   EXPECT_FALSE(extent.Box({}, 1));
 }
 

@@ -22,15 +22,15 @@ namespace splinemap::layer_pyramid_test {
 using Random = std::mt19937_64;
 
 ControlPoint At(const TileTree& tiles, int32_t i, int32_t j) {
-  const Tile* tile = tiles.Find(TileOf(i, j));
+  const auto tile = FindTile(tiles, TileOf(i, j));
   return tile == nullptr ? 0 : tile->control_points[IndexInTile(i, j)];
 }
 
 bool TilesEqual(const TileTree& a, const TileTree& b) {
   bool are_equal = a.size() == b.size();
   a.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    const Tile* tile = b.Find(key);
-    are_equal = are_equal && tile != nullptr && *tile == *entry.tile;
+    const auto tile = FindTile(b, key);
+    are_equal = are_equal && tile != nullptr && *tile == *entry.tile->Get();
   });
   return are_equal;
 }
@@ -144,7 +144,7 @@ TEST(LayerPyramidTest, PiecewiseEqualsAtOnce) {
 
 TEST(LayerPyramidTest, BoundsHoldForTheSumOfLayers) {
   Random random(3);
-  MapWriter map({0.05, {-1500, 1500}});
+  MapWriter map({0.05, {-2000, 2000}});
   std::vector<LayerSnapshot> fine;
   std::vector<LayerSnapshot> least;
   std::vector<LayerSnapshot> greatest;
@@ -199,8 +199,9 @@ TEST(LayerPyramidTest, BoundsHoldForLayersThatArePlaced) {
       const TileTree max = at_level(Statistic::kMax);
       int touched = 0;
       placed.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+        const auto tile = entry.tile->Get();
         for (int k = 0; k < Tile::kSize; ++k) {
-          const int value = entry.tile->control_points[k];
+          const int value = tile->control_points[k];
           if (value == 0) continue;
           ++touched;
           const int32_t i = (32 * key.tx + k % 32) >> level;

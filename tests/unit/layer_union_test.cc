@@ -27,7 +27,7 @@ using Tiles = std::map<TileKey, std::pair<uint64_t, Tile>>;
 Tiles TilesOf(const TileTree& tree) {
   Tiles tiles;
   tree.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    tiles[key] = {entry.revision, *entry.tile};
+    tiles[key] = {entry.revision, *entry.tile->Get()};
   });
   return tiles;
 }
@@ -36,7 +36,7 @@ Tiles TilesOf(const TileTree& tree) {
 std::map<TileKey, Tile> SumOf(const LayerSet& set) {
   std::map<TileKey, Tile> sum;
   ViewOf(set)->tiles.ForEach(
-      [&](TileKey key, const TileTree::Entry& entry) { sum[key] = *entry.tile; });
+      [&](TileKey key, const TileTree::Entry& entry) { sum[key] = *entry.tile->Get(); });
   return sum;
 }
 
@@ -140,9 +140,9 @@ class LayerUnionTest : public testing::Test {
       Layer& copy = clone.AddLayer(layer.id, session);
       copy.RestoreRevision(layer.revision);
       layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-        auto tile = std::make_shared<Tile>(*entry.tile);
-        if (random_() % 3 == 0) *tile = RandomTile(random_, kOptions.limits);
-        copy.RestoreTile(key, tile, entry.revision);
+        Tile tile = *entry.tile->Get();
+        if (random_() % 3 == 0) tile = RandomTile(random_, kOptions.limits);
+        copy.RestoreTile(key, std::make_shared<const StoredTile>(tile), entry.revision);
       });
     }
     clone.SetSettings(map.settings);
@@ -291,7 +291,7 @@ TEST_F(LayerUnionTest, ContentsOfOneRevisionThatDifferAreCounted) {
   EXPECT_TRUE(layer_union.Add(one)->empty());
   int64_t differ = 0;
   for (const auto& [key, tile] : TilesOf(one.layers[0].tiles)) {
-    differ += *other.layers[0].tiles.Find(key) != tile.second ? 1 : 0;
+    differ += *FindTile(other.layers[0].tiles, key) != tile.second ? 1 : 0;
   }
   ASSERT_GT(differ, 0);
   const auto conflicts = layer_union.Add(other);
@@ -302,7 +302,7 @@ TEST_F(LayerUnionTest, ContentsOfOneRevisionThatDifferAreCounted) {
 
 // Of two files of one session the later has all scans.
 TEST_F(LayerUnionTest, TheScansOfTheOneThatHasAllTilesAreKept) {
-  const auto tile = std::make_shared<const Tile>(RandomTile(random_));
+  const auto tile = std::make_shared<const StoredTile>(RandomTile(random_));
   Layer layer(LayerId{"robot", 1}, {1, 1});
   layer.RestoreTile({0, 0}, tile, 1);
   LayerSnapshot before = layer.Snapshot();

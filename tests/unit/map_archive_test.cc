@@ -60,7 +60,7 @@ TEST_F(MapFileArchiveTest, HasTheScansAndTheBaseOfEachSaveWhateverChanged) {
       case 0:
         if (archive_.TakeOldest() != nullptr) {
           TileTreeEditor base(archive_.base.tiles);
-          base.Edit({round, 0}, 0) = RandomTile(random, map_.options().limits);
+          base.Edit({round, 0}, 0).Edit() = RandomTile(random, map_.options().limits);
           archive_.base = {base.Freeze(), FixedPose2{round, 0, 5}, round, Utime(round)};
         }
         break;
@@ -152,7 +152,7 @@ TEST_F(MapFileArchiveTest, AKilledSaverLeavesTilesAndScansOfOneSave) {
           archive_.base.scans += archive_.TakeOldest()->num_scans;
           TileTreeEditor base;
           for (int k = 0; k < 20; ++k) {
-            base.Edit({k, 0}, 1).control_points.fill(
+            base.Edit({k, 0}, 1).Edit().control_points.fill(
                 static_cast<ControlPoint>(archive_.base.scans % 5'000));
           }
           archive_.base.tiles = base.Freeze();
@@ -182,10 +182,10 @@ TEST_F(MapFileArchiveTest, AKilledSaverLeavesTilesAndScansOfOneSave) {
     const LayerSnapshot& layer = loaded->set.layers.front();
     const int64_t scans = layer.archive->base.scans + layer.archive->num_scans();
     layer.tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
-      ASSERT_EQ(entry.tile->control_points[7], scans % 5'000);
+      ASSERT_EQ(entry.tile->Get()->control_points[7], scans % 5'000);
     });
     layer.archive->base.tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
-      ASSERT_EQ(entry.tile->control_points[7], layer.archive->base.scans % 5'000);
+      ASSERT_EQ(entry.tile->Get()->control_points[7], layer.archive->base.scans % 5'000);
     });
     EXPECT_EQ(layer.tiles.size(), 20u);
     MapFile::Remove(path_);

@@ -145,7 +145,7 @@ TEST_F(MapFileTest, SettingsOfLayersAndWhoseFileItIsAreKept) {
   const auto loaded = ReadMapFile(path_);
   ExpectEqual(loaded->set, map_.Layers());
   const auto view = ViewOf(loaded->set);
-  const Tile* placed = view->tiles.Find({-4, 2});
+  const auto placed = FindTile(view->tiles, {-4, 2});
   ASSERT_NE(placed, nullptr);
   EXPECT_EQ(placed->control_points[IndexInTile(0, 0)], 0);
   EXPECT_EQ(placed->control_points[IndexInTile(0, 1)], 100);
@@ -184,9 +184,10 @@ TEST_F(MapFileTest, AKilledSaverLeavesNoMixture) {
     EXPECT_TRUE(loaded->corruption.empty());
     const auto view = ViewOf(loaded->set);
     ASSERT_EQ(view->tiles.size(), 40u);
-    const ControlPoint value = view->tiles.Find({0, 0})->control_points[0];
+    const ControlPoint value = FindTile(view->tiles, {0, 0})->control_points[0];
     view->tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
-      for (const ControlPoint c : entry.tile->control_points) ASSERT_EQ(c, value);
+      const auto tile = entry.tile->Get();
+      for (const ControlPoint c : tile->control_points) ASSERT_EQ(c, value);
     });
     std::filesystem::remove(path_);
     std::filesystem::remove(path_ + "-wal");
@@ -224,22 +225,25 @@ TEST_F(MapFileTest, ADamagedTileIsReportedAndTheRestIsLoaded) {
     database.exec("UPDATE tile SET revision = -1 WHERE tx = 1");
     // A tile whose checksum is right and whose key no tree can hold.
     const TileUpdate far = MakeTileUpdate({2147483647, 0}, {}, 1);
-    SQLite::Statement insert(database, "INSERT INTO tile VALUES (1, ?, 0, 1, ?, ?)");
-    insert.bind(1, far.key.tx);
-    insert.bind(2, static_cast<int64_t>(far.checksum));
-    insert.bind(3, far.content.data(), static_cast<int>(far.content.size()));
-    insert.exec();
+    SQLite::Statement odd(database,
+                          "UPDATE tile SET tx = ?, checksum = ?, content = ? WHERE tx = -1");
+    odd.bind(1, far.key.tx);
+    odd.bind(2, static_cast<int64_t>(far.checksum));
+    odd.bind(3, far.content.data(), static_cast<int>(far.content.size()));
+    odd.exec();
   }
   const auto loaded = ReadMapFile(path_);
   ASSERT_TRUE(loaded.ok()) << loaded.status();
-  EXPECT_EQ(loaded->corruption.size(), 5u);  // and the count of the tiles
-  EXPECT_EQ(ViewOf(loaded->set)->tiles.size(), 4u);
+  EXPECT_EQ(loaded->corruption.size(), 4u);
+  EXPECT_EQ(ViewOf(loaded->set)->tiles.size(), 3u);
 }
 
 TEST_F(MapFileTest, WhatIsMissingIsReported) {
   for (const char* statement :
        {"DELETE FROM tile WHERE tx = 1", "UPDATE tile SET layer = 7 WHERE layer = 2",
-        "UPDATE tile SET revision = 1 WHERE tx = 0", "DELETE FROM layer WHERE id = 2"}) {
+        "UPDATE tile SET revision = 1 WHERE tx = 0", "DELETE FROM layer WHERE id = 2",
+        "DELETE FROM tile_square WHERE tree = 2", "UPDATE tile_square SET x = 5 WHERE tree = 1",
+        "UPDATE tile_square SET checksum = 0"}) {
     std::filesystem::remove(path_);
     MapWriter map({0.1, {-2560, 5120}});
     for (const uint64_t origin : {1, 2}) {
@@ -395,7 +399,7 @@ TEST_F(MapFileTest, WhatCannotBeIsLeftOutAndSaidAndTheRestIsSaved) {
                              uint64_t revision) {
     add(what, [&](LayerSet& map) {
       Layer layer(std::move(id), session);
-      layer.RestoreTile({1, 1}, std::make_shared<const Tile>(), 1);
+      layer.RestoreTile({1, 1}, std::make_shared<const StoredTile>(), 1);
       map.layers.insert(map.layers.begin(), layer.Snapshot());
       map.layers.front().revision = revision;
     });
@@ -557,7 +561,7 @@ TEST_F(MapFileTest, AShiftOfAnEarlierVersionIsThatPlacement) {
     EXPECT_EQ(placement, ShiftBy(i, j, 0.1));
     EXPECT_FALSE(IsApproximate(placement, loaded.set.options.knot_interval_m));
     const auto view = ViewOf(loaded.set);
-    const Tile* placed = view->tiles.Find(TileOf(i, j + 32));
+    const auto placed = FindTile(view->tiles, TileOf(i, j + 32));
     ASSERT_NE(placed, nullptr);
     EXPECT_EQ(placed->control_points[IndexInTile(i, j)], 100);
   }
@@ -566,9 +570,12 @@ TEST_F(MapFileTest, AShiftOfAnEarlierVersionIsThatPlacement) {
   EXPECT_TRUE(loaded.set.settings.records().empty());
 }
 
-TEST_F(MapFileTest, AFileOfTheSchemaBeforeIsReadAndContinued) {
-  std::filesystem::copy_file(TestData("map_of_schema_2"), path_);
-  ASSERT_EQ(SQLite::Database(path_).execAndGet("PRAGMA user_version").getInt(), 2);
+class EarlierSchemaTest : public MapFileTest, public testing::WithParamInterface<int> {};
+INSTANTIATE_TEST_SUITE_P(, EarlierSchemaTest, testing::Values(2, 5));
+
+TEST_P(EarlierSchemaTest, IsReadAndContinued) {
+  std::filesystem::copy_file(TestData(fmt::format("map_of_schema_{}", GetParam())), path_);
+  ASSERT_EQ(SQLite::Database(path_).execAndGet("PRAGMA user_version").getInt(), GetParam());
   auto file = MapFile::Open(path_);
   const auto loaded = file->Load();
   ASSERT_TRUE(loaded.ok()) << loaded.status();
@@ -581,7 +588,7 @@ TEST_F(MapFileTest, AFileOfTheSchemaBeforeIsReadAndContinued) {
   const auto again = ReadMapFile(path_);
   EXPECT_TRUE(again->corruption.empty());
   ExpectEqual(again->set, map.Layers());
-  EXPECT_EQ(SQLite::Database(path_).execAndGet("PRAGMA user_version").getInt(), 5);
+  EXPECT_EQ(SQLite::Database(path_).execAndGet("PRAGMA user_version").getInt(), 6);
 }
 
 TEST_F(MapFileTest, RefusesWhatIsNoMapInWords) {
@@ -620,7 +627,7 @@ TEST_F(MapFileTest, RefusesAFolder) {
 TEST_F(MapFileTest, RefusesAnotherSchema) {
   map_.AddLayer({"robot", 1}, {1, 1});
   ASSERT_TRUE(MapFile::Open(path_)->Save(map_.Layers()).ok());
-  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 6");
+  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 7");
   EXPECT_NE(ErrorText(MapFile::Open(path_).status()).find("a newer splinemap"), std::string::npos);
   SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 1");
   EXPECT_NE(ErrorText(ReadMapFile(path_).status()).find("an older splinemap"), std::string::npos);

@@ -73,7 +73,7 @@ TEST(MapFollowerTest, LayersOfRobotsAddUp) {
   MapFollower follower({}, kSpeaker);
   one.SpeakTo(follower, kBegin);
   two.SpeakTo(follower, kBegin);
-  EXPECT_EQ(follower.View()->tiles.Find({0, 0})->control_points[0], 120);
+  EXPECT_EQ(FindTile(follower.View()->tiles, {0, 0})->control_points[0], 120);
   EXPECT_EQ(follower.SyncedLayers().layers.size(), 2u);
 }
 
@@ -84,7 +84,7 @@ TEST(MapFollowerTest, TheLayerOfASilentRobotStays) {
   MapFollower follower({}, kSpeaker);
   one.SpeakTo(follower, kBegin);
   two.SpeakTo(follower, kBegin + std::chrono::hours(1));
-  EXPECT_EQ(follower.View()->tiles.Find({0, 0})->control_points[0], 100);
+  EXPECT_EQ(FindTile(follower.View()->tiles, {0, 0})->control_points[0], 100);
   EXPECT_FALSE(follower.FollowedLayers(kBegin + std::chrono::hours(1))[0].caught_up);
 }
 
@@ -101,7 +101,7 @@ TEST(MapFollowerTest, ANewMapOfARobotReplacesTheOneBefore) {
   EXPECT_EQ(follower.Layers().layers.size(), 1u);
   const auto map = follower.View();
   EXPECT_EQ(map->tiles.Find({0, 0}), nullptr);
-  EXPECT_EQ(map->tiles.Find({5, 5})->control_points[0], 20);
+  EXPECT_EQ(FindTile(map->tiles, {5, 5})->control_points[0], 20);
 }
 
 TEST(MapFollowerTest, LayersOfAnotherKnotIntervalAreRefused) {
@@ -131,7 +131,7 @@ TEST(MapFollowerTest, KnotIntervalAndClampsAreThoseOfMostLayers) {
   const auto map = follower.View();
   EXPECT_EQ(map->options, kOptions);
   ASSERT_NE(map->tiles.Find({0, 0}), nullptr);
-  EXPECT_EQ(map->tiles.Find({0, 0})->control_points[0], 101);
+  EXPECT_EQ(FindTile(map->tiles, {0, 0})->control_points[0], 101);
   EXPECT_TRUE(follower.refused().empty());
   // And one that goes on speaking is outvoted.
   Owner two("two", 2);
@@ -165,10 +165,10 @@ TEST(MapFollowerTest, EmptyLayersOfStrangersLockNobodyOutAndAreForgotten) {
   robot.SpeakTo(follower, kBegin + milliseconds(1000));
   for (Owner& stranger : strangers) stranger.SpeakTo(follower, kBegin + milliseconds(2000));
   robot.SpeakTo(follower, kBegin + milliseconds(3000));
-  EXPECT_EQ(follower.View()->tiles.Find({0, 0})->control_points[0], 150);
+  EXPECT_EQ(FindTile(follower.View()->tiles, {0, 0})->control_points[0], 150);
   TickOf(follower, kBegin + milliseconds(14'000));
   ASSERT_EQ(follower.Layers().layers.size(), 2u) << "all that have tiles";
-  EXPECT_EQ(follower.View()->tiles.Find({0, 0})->control_points[0], 150);
+  EXPECT_EQ(FindTile(follower.View()->tiles, {0, 0})->control_points[0], 150);
 }
 
 LayerSettings Setting(uint64_t counter, bool muted, uint64_t removed_up_to) {
@@ -202,7 +202,7 @@ TEST(MapFollowerTest, SettingsFromTheBusAreIgnoredWhereNoneAreTaken) {
     MapFollower follower(options, kSpeaker);
     one.SpeakTo(follower, kBegin);
     const auto value = [&] {
-      const Tile* tile = follower.View()->tiles.Find({0, 0});
+      const auto tile = FindTile(follower.View()->tiles, {0, 0});
       return tile == nullptr ? 0 : tile->control_points[0];
     };
     ASSERT_EQ(value(), 100);
@@ -375,10 +375,10 @@ TEST(MapFollowerTest, ALevelThatIsMadeHereIsThatOfTheDaemon) {
         const bool is_in =
             !is_of_region || (key.tx >= -2 && key.tx <= 1 && key.ty >= -1 && key.ty <= 1);
         in_region += is_in ? 1 : 0;
-        const Tile* tile = tiles.Find(key);
+        const auto tile = FindTile(tiles, key);
         EXPECT_EQ(tile != nullptr, is_in) << key.tx << " " << key.ty;
         if (tile != nullptr) {
-          EXPECT_EQ(*tile, *entry.tile);
+          EXPECT_EQ(*tile, *entry.tile->Get());
         }
       });
       EXPECT_EQ(tiles.size(), in_region);

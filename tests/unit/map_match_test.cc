@@ -14,7 +14,7 @@ PlacedScan ScanWithHitsAt(const std::vector<Eigen::Vector2d>& points) {
 
 TEST(MapMatchTest, HitsAreInFreeSpaceWhereAllIsFreeAroundThem) {
   TileTreeEditor tiles;
-  Tile& tile = tiles.Edit({0, 0}, 1);
+  Tile& tile = tiles.Edit({0, 0}, 1).Edit();
   for (int k = 0; k < 20 * 20; ++k) {
     tile.control_points[IndexInTile(k % 20, k / 20)] = -3 * kUnitsPerLogOdds;
   }
@@ -30,7 +30,7 @@ TEST(MapMatchTest, HitsAreInFreeSpaceWhereAllIsFreeAroundThem) {
 
 TEST(MapMatchTest, BeamsWithoutHitAreNotLookedUp) {
   TileTreeEditor tiles;
-  tiles.Edit({0, 0}, 1).control_points[IndexInTile(10, 0)] = -3 * kUnitsPerLogOdds;
+  tiles.Edit({0, 0}, 1).Edit().control_points[IndexInTile(10, 0)] = -3 * kUnitsPerLogOdds;
   PlacedScan scan = ScanWithHitsAt({{1.0, 0}});
   scan.beams[0].hit = false;
   EXPECT_EQ(FindHits(scan, tiles.Freeze(), 0.1).looked_up, 0);

@@ -129,17 +129,19 @@ TEST(MapViewTest, FollowsRandomCommits) {
     const LayerSet set = map.Layers();
     const auto view = map.View();
     std::map<std::pair<int, int>, std::vector<const Tile*>> by_key;
+    std::vector<std::shared_ptr<const Tile>> held;
     uint64_t revision = 0;
     for (const LayerSnapshot& layer : set.layers) {
       revision += layer.revision;
       layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-        by_key[{key.tx, key.ty}].push_back(entry.tile.get());
+        held.push_back(entry.tile->Get());
+        by_key[{key.tx, key.ty}].push_back(held.back().get());
       });
     }
     ASSERT_EQ(view->revision, revision);
     ASSERT_EQ(view->tiles.size(), by_key.size());
     for (const auto& [key, tiles] : by_key) {
-      const Tile* merged = view->tiles.Find({key.first, key.second});
+      const auto merged = FindTile(view->tiles, {key.first, key.second});
       ASSERT_NE(merged, nullptr);
       ASSERT_EQ(*merged, SumTiles(tiles, kLimits));
     }
@@ -161,16 +163,16 @@ TEST(MapViewTest, ALayerThatGoesOnKeepsItsTilesAndRevision) {
   continued.BeginCommit();
   continued.EditTile({0, 0}).control_points[0] = 5;
   EXPECT_EQ(next.Layers().layers[0].tiles.RevisionOf({0, 0}), 2u);
-  EXPECT_EQ(set.layers[0].tiles.Find({0, 0})->control_points[0], 4);
-  EXPECT_EQ(view->tiles.Find({0, 0})->control_points[0], 4);
+  EXPECT_EQ(FindTile(set.layers[0].tiles, {0, 0})->control_points[0], 4);
+  EXPECT_EQ(FindTile(view->tiles, {0, 0})->control_points[0], 4);
 }
 
 TEST(LayerTest, UpdatesOfATileMayComeTwiceLateAndOutOfOrder) {
-  std::vector<std::shared_ptr<const Tile>> versions;
+  std::vector<std::shared_ptr<const StoredTile>> versions;
   for (ControlPoint value = 1; value <= 5; ++value) {
-    auto tile = std::make_shared<Tile>();
-    tile->control_points.fill(value);
-    versions.push_back(tile);
+    Tile tile;
+    tile.control_points.fill(value);
+    versions.push_back(std::make_shared<const StoredTile>(tile));
   }
   MapWriter map({0.05, kLimits});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
@@ -181,7 +183,7 @@ TEST(LayerTest, UpdatesOfATileMayComeTwiceLateAndOutOfOrder) {
     // A tile with an old revision that comes late is in the next view, too.
     EXPECT_NE(map.View()->tiles.Find({int32_t(revision), 7}), nullptr);
   }
-  EXPECT_EQ(map.View()->tiles.Find({0, 0})->control_points[0], 5);
+  EXPECT_EQ(FindTile(map.View()->tiles, {0, 0})->control_points[0], 5);
   EXPECT_EQ(layer.revision(), 5u);
 }
 
@@ -208,7 +210,7 @@ SurfaceSample SimplyEvaluated(const TileTree& tiles, double x_m, double y_m) {
     for (int column = 0; column < 4; ++column) {
       const int32_t i = x->index - 1 + column;
       const int32_t j = y->index - 1 + row;
-      const Tile* tile = tiles.Find(TileOf(i, j));
+      const auto tile = FindTile(tiles, TileOf(i, j));
       if (tile == nullptr) continue;
       patch(row, column) = tile->control_points[IndexInTile(i, j)] / double{kUnitsPerLogOdds};
     }
@@ -275,7 +277,8 @@ TEST(MapViewTest, ReadersNeverSeeHalfACommit) {
       }
       const auto commit = static_cast<ControlPoint>(view->revision);
       view->tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
-        for (const ControlPoint c : entry.tile->control_points) torn += c != commit;
+        const auto tile = entry.tile->Get();
+        for (const ControlPoint c : tile->control_points) torn += c != commit;
       });
       ++read;
     }

@@ -36,18 +36,28 @@ std::shared_ptr<const MapView> RandomMap(uint64_t seed) {
   return map.View();
 }
 
+template <typename Visitor>
+void ForEachTile(const SurfaceBounds& bounds, Visitor visit) {
+  const TileBox& box = bounds.box();
+  for (int32_t ty = box.ty0; ty < box.ty1; ++ty) {
+    for (int32_t tx = box.tx0; tx < box.tx1; ++tx) {
+      if (const auto tile = bounds.Find({tx, ty})) visit({tx, ty}, *tile);
+    }
+  }
+}
+
 TEST(ObstacleSquaresTest, HaveWhatIsOccupiedOrUnknownAndNothingElse) {
   int num_set = 0;
   int num_clear = 0;
   for (uint64_t seed = 0; seed < 2; ++seed) {
     const auto map = RandomMap(seed);
-    const SurfaceBounds bounds = SurfaceBoundsEditor().Update(*map);
+    const SurfaceBounds bounds(map);
     for (const UnknownPolicy unknown : {UnknownPolicy::kFree, UnknownPolicy::kBlocked}) {
       for (const double threshold : {0.0, -1.0, 0.7}) {
-        bounds.tiles.ForEach([&](TileKey key, const KeyTree<TileBounds>::Entry& entry) {
+        ForEachTile(bounds, [&](TileKey key, const TileBounds& tile) {
           ObstacleSquares squares;
           ObstacleRasterizer(map->tiles, threshold * kUnitsPerLogOdds, unknown)
-              .Update(key, *entry.tile, kAllCells, squares);
+              .Update(key, tile, kAllCells, squares);
           for (int y = 0; y < ObstacleSquares::kSide; y += 9) {
             for (int x = 0; x < ObstacleSquares::kSide; x += 9) {
               // The square, at steps of 1/32 knot interval; unknown is all of it or nothing.
@@ -83,15 +93,15 @@ TEST(ObstacleSquaresTest, HaveWhatIsOccupiedOrUnknownAndNothingElse) {
 
 TEST(ObstacleSquaresTest, OnlyTheCellsThatAreToldChange) {
   const auto map = RandomMap(1);
-  const SurfaceBounds bounds = SurfaceBoundsEditor().Update(*map);
+  const SurfaceBounds bounds(map);
   ObstacleRasterizer finder(map->tiles, 0, UnknownPolicy::kFree);
   ObstacleSquares anew;
-  finder.Update({0, 0}, *bounds.tiles.Find({0, 0}), kAllCells, anew);
+  finder.Update({0, 0}, *bounds.Find({0, 0}), kAllCells, anew);
   CellMask cells{};
   cells[3] = 0x30;
   for (const ObstacleSquares& before : {ObstacleSquares(), ObstacleSquares::All()}) {
     ObstacleSquares squares = before;
-    finder.Update({0, 0}, *bounds.tiles.Find({0, 0}), cells, squares);
+    finder.Update({0, 0}, *bounds.Find({0, 0}), cells, squares);
     for (int y = 0; y < ObstacleSquares::kSide; ++y) {
       for (int x = 0; x < ObstacleSquares::kSide; ++x) {
         const bool is_told = y / 4 == 3 && (x / 4 == 4 || x / 4 == 5);
@@ -148,11 +158,11 @@ TEST(ObstacleSquaresTest, PeaksWithinASquareAreFound) {
     if (log_odds > most) top_m = at_m;
     most = std::max(most, log_odds);
   }
-  const SurfaceBounds bounds = SurfaceBoundsEditor().Update(*view);
+  const SurfaceBounds bounds(view);
   const double threshold = (most - 1e-5) * kUnitsPerLogOdds;
   ObstacleSquares squares;
   ObstacleRasterizer(view->tiles, threshold, UnknownPolicy::kFree)
-      .Update({0, 0}, *bounds.tiles.Find({0, 0}), kAllCells, squares);
+      .Update({0, 0}, *bounds.Find({0, 0}), kAllCells, squares);
   const auto x = static_cast<int>(top_m.x() / kKnot_m * ObstacleSquares::kPerKnot);
   const auto y = static_cast<int>(top_m.y() / kKnot_m * ObstacleSquares::kPerKnot);
   EXPECT_EQ(squares.rows[y] >> x & 1, 1);

@@ -8,12 +8,12 @@ namespace splinemap::occupancy_changes_test {
 MapView Room(const std::vector<std::array<int, 4>>& obstacles) {
   TileTreeEditor tiles;
   for (int ty = 0; ty < 2; ++ty) {
-    for (int tx = 0; tx < 2; ++tx) tiles.Edit({tx, ty}, 1).control_points.fill(-2000);
+    for (int tx = 0; tx < 2; ++tx) tiles.Edit({tx, ty}, 1).Edit().control_points.fill(-2000);
   }
   for (const auto& [i0, i1, j0, j1] : obstacles) {
     for (int j = j0; j < j1; ++j) {
       for (int i = i0; i < i1; ++i) {
-        tiles.Edit(TileOf(i, j), 1).control_points[IndexInTile(i, j)] = 1500;
+        tiles.Edit(TileOf(i, j), 1).Edit().control_points[IndexInTile(i, j)] = 1500;
       }
     }
   }

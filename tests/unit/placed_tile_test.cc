@@ -26,7 +26,7 @@ constexpr ControlLimits kLimits{-2560, 2560};
 
 ControlPoint At(const TileTree& tiles, int64_t i, int64_t j) {
   const TileKey key{static_cast<int32_t>(i >> 5), static_cast<int32_t>(j >> 5)};
-  const Tile* tile = IsInRange(key) ? tiles.Find(key) : nullptr;
+  const auto tile = IsInRange(key) ? FindTile(tiles, key) : nullptr;
   return tile == nullptr ? 0 : tile->control_points[32 * (j & 31) + (i & 31)];
 }
 
@@ -34,7 +34,7 @@ ControlPoint At(const TileTree& tiles, int64_t i, int64_t j) {
 TileTree RandomTiles(Random& random, int extent = 2) {
   TileTreeEditor tiles;
   for (int n = 0; n < 6 * extent * extent; ++n) {
-    tiles.Edit(RandomKey(random, extent), 1) = RandomTile(random, kLimits);
+    tiles.Edit(RandomKey(random, extent), 1).Edit() = RandomTile(random, kLimits);
   }
   return tiles.Freeze();
 }
@@ -45,7 +45,7 @@ TileTree TilesOf(int32_t extent, Function function) {
   TileTreeEditor tiles;
   for (int32_t j = -32 * extent; j < 32 * extent; ++j) {
     for (int32_t i = -32 * extent; i < 32 * extent; ++i) {
-      tiles.Edit(TileOf(i, j), 1).control_points[IndexInTile(i, j)] =
+      tiles.Edit(TileOf(i, j), 1).Edit().control_points[IndexInTile(i, j)] =
           static_cast<ControlPoint>(function(i, j));
     }
   }
@@ -56,8 +56,8 @@ bool AreEqual(const TileTree& a, const TileTree& b) {
   const auto has_all_of = [](const TileTree& one, const TileTree& other) {
     bool has_all = true;
     other.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-      const Tile* tile = one.Find(key);
-      has_all = has_all && (tile == nullptr ? *entry.tile == Tile() : *tile == *entry.tile);
+      const auto tile = FindTile(one, key);
+      has_all = has_all && *entry.tile->Get() == (tile == nullptr ? Tile() : *tile);
     });
     return has_all;
   };
@@ -134,7 +134,7 @@ TEST(PlacedTileTest, EveryTileThatATileHasAPartInIsFound) {
                                   kKnot_m);
     const TileKey key = RandomKey(random, 1000);
     TileTreeEditor tiles;
-    tiles.Edit(key, 1).control_points.fill(1000);
+    tiles.Edit(key, 1).Edit().control_points.fill(1000);
     const TileTree layer = tiles.Freeze();
     const std::vector<TileKey> found = KeysOfPlaced(key, placement);
     EXPECT_LE(found.size(), 9u);
@@ -146,7 +146,7 @@ TEST(PlacedTileTest, EveryTileThatATileHasAPartInIsFound) {
     for (int32_t ty = around.ty0 - 2; ty < around.ty1 + 2; ++ty) {
       for (int32_t tx = around.tx0 - 2; tx < around.tx1 + 2; ++tx) {
         Tile tile;
-        if (PlaceTile(layer, {tx, ty}, placement, tile) == nullptr) continue;
+        if (!PlaceTile(layer, {tx, ty}, placement, tile)) continue;
         EXPECT_TRUE(keys.contains({tx, ty}));
         known += CountTouched(tile);
       }
@@ -329,7 +329,7 @@ TEST(PlacedTileTest, FarFromTheOriginItIsTheSameAsThere) {
 
 TEST(PlacedTileTest, WhatIsPlacedBeyondEveryMapIsLeftOut) {
   TileTreeEditor tiles;
-  tiles.Edit({0, 0}, 1).control_points.fill(7);
+  tiles.Edit({0, 0}, 1).Edit().control_points.fill(7);
   const TileTree layer = tiles.Freeze();
   for (const double x_m : {-3e7, 3e7}) {
     for (const double knot_m : {0.001, 0.05, 10'000.0}) {

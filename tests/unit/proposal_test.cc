@@ -68,13 +68,12 @@ TEST_F(ProposalTest, TakesTheSharperPosesAndThePresetThatFits) {
 
 TEST_F(ProposalTest, TwoRobotsInOneLogAreSaid) {
   const auto drive = [&](const std::string& robot, double turn) {
-    DriveInRoom({.sign = -1}, turn,
-                [&](const TimedPose& pose) {
-                  Add(robot + "_POSE", pose.utime, Encode(PoseMessage(pose)));
-                },
-                [&](const RangeReadings& readings) {
-                  Add(robot + "_LIDAR", readings.utime, Encode(LidarMessage(readings)));
-                });
+    DriveInRoom(
+        {.sign = -1}, turn,
+        [&](const TimedPose& pose) { Add(robot + "_POSE", pose.utime, Encode(PoseMessage(pose))); },
+        [&](const RangeReadings& readings) {
+          Add(robot + "_LIDAR", readings.utime, Encode(LidarMessage(readings)));
+        });
   };
   drive("one", 1);
   drive("two", -0.6);

@@ -197,8 +197,9 @@ struct Mapped {
 
 Mapped ContentOf(const LayerSnapshot& layer) {
   Mapped mapped{{}, layer.revision};
-  layer.tiles.ForEach(
-      [&](TileKey key, const TileTree::Entry& entry) { mapped.tiles.emplace(key, *entry.tile); });
+  layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    mapped.tiles.emplace(key, *entry.tile->Get());
+  });
   return mapped;
 }
 

@@ -88,7 +88,7 @@ TEST(ReplicationTest, TheDocumentedMessagesAreFollowed) {
       "06fbffdfffffeffffff7fffffbfffffdff7f83ff11ac4a553205"));
   follower.Tick(kNow + milliseconds(250));
   EXPECT_TRUE(follower.matches_digest());
-  const Tile* tile = follower.Snapshot().tiles.Find({-3, 9});
+  const auto tile = FindTile(follower.Snapshot().tiles, {-3, 9});
   ASSERT_NE(tile, nullptr);
   for (int k = 0; k < Tile::kSize; ++k) {
     ASSERT_EQ(tile->control_points[k], k % Tile::kSide < 16 ? -40 : 230);
@@ -573,7 +573,7 @@ TEST(ReplicationTest, AnUpdateThatComesLateDoesNotReplaceANewerTile) {
   follower.HandleDigest(std::get<layer_digest_t>(older.at(0)), Clock::now());
   follower.HandleUpdates(std::get<layer_updates_t>(newer.at(1)));
   follower.HandleUpdates(std::get<layer_updates_t>(older.at(1)));
-  EXPECT_EQ(follower.Snapshot().tiles.Find({0, 0})->control_points[0], 5);
+  EXPECT_EQ(FindTile(follower.Snapshot().tiles, {0, 0})->control_points[0], 5);
   EXPECT_EQ(follower.counts().stale, 1);
 }
 
@@ -598,7 +598,7 @@ TEST(ReplicationTest, SessionsBeginWithADigest) {
   follower.HandleDigest(std::get<layer_digest_t>(present.at(0)), Clock::now());
   follower.HandleUpdates(std::get<layer_updates_t>(present.at(1)));
   follower.HandleUpdates(std::get<layer_updates_t>(later.at(1)));
-  EXPECT_EQ(follower.Snapshot().tiles.Find({0, 0})->control_points[0], 4);
+  EXPECT_EQ(FindTile(follower.Snapshot().tiles, {0, 0})->control_points[0], 4);
 }
 
 // Late digests of one revision are no news; those of an owner whose clock was set back are.

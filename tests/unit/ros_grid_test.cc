@@ -202,7 +202,7 @@ TEST(RosGridTest, CellsOnKnotsAreTheControlPoints) {
   for (int y = 0; y < grid.height; ++y) {
     for (int x = 0; x < grid.width; ++x) {
       const uint8_t cell = grid.per_cent[y * grid.width + x];
-      const Tile* tile = tiles->Find(TileOf(x, y));
+      const auto tile = FindTile(*tiles, TileOf(x, y));
       ASSERT_NE(tile, nullptr);
       EXPECT_EQ(tile->control_points[IndexInTile(x, y)], cell == kUnknown ? 0
                                                          : cell == 100    ? 512
@@ -215,7 +215,9 @@ TEST(RosGridTest, CellsThatAreNotCertainWeighAsTheirProbabilitySays) {
   const RosGrid grid{"", 5, 1, 1, {{-0.5, -0.5}, 0}, {0, 20, 50, 70, 100}};
   const auto tiles = TilesOf(grid, {}, {1, {}});
   ASSERT_TRUE(tiles.ok());
-  const auto& control_points = tiles->Find({0, 0})->control_points;
+  const auto tile = FindTile(*tiles, {0, 0});
+  ASSERT_NE(tile, nullptr);
+  const auto& control_points = tile->control_points;
   EXPECT_EQ(control_points[0], -2.5 * kUnitsPerLogOdds);
   EXPECT_NEAR(control_points[1], std::log(0.25) * kUnitsPerLogOdds, 0.5);
   EXPECT_EQ(control_points[2], 1);  // known

@@ -16,7 +16,7 @@ constexpr ControlLimits kLimits;
 class ScanScratchTest : public testing::Test {
  protected:
   ControlPoint At(int i, int j) const {
-    const Tile* tile = layer_.tiles().Find(TileOf(i, j));
+    const auto tile = FindTile(layer_.tiles(), TileOf(i, j));
     return tile == nullptr ? 0 : tile->control_points[IndexInTile(i, j)];
   }
   void Commit() { scratch_.CommitTo(layer_, kLimits); }

@@ -29,7 +29,7 @@ class Mapping {
   }
   std::shared_ptr<const MapView> View() { return map_.View(); }
   ControlPoint At(int i, int j) const {
-    const Tile* tile = layer_.tiles().Find(TileOf(i, j));
+    const auto tile = FindTile(layer_.tiles(), TileOf(i, j));
     return tile == nullptr ? 0 : tile->control_points[IndexInTile(i, j)];
   }
   const Layer& layer() const { return layer_; }

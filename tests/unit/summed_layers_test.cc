@@ -24,8 +24,9 @@ using Points = std::map<std::pair<int32_t, int32_t>, ControlPoint>;
 Points PointsOf(const TileTree& tree) {
   Points points;
   tree.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    const auto tile = entry.tile->Get();
     for (int k = 0; k < Tile::kSize; ++k) {
-      const ControlPoint c = entry.tile->control_points[k];
+      const ControlPoint c = tile->control_points[k];
       if (c != 0) points[{32 * key.tx + (k & 31), 32 * key.ty + (k >> 5)}] = c;
     }
   });
@@ -149,13 +150,13 @@ TEST_F(SummedLayersTest, ReadersThatGotTilesInAnotherOrderHaveTheSameBytes) {
   struct Update {
     LayerId id;
     TileKey key;
-    std::shared_ptr<const Tile> tile;
+    std::shared_ptr<const StoredTile> tile;
     uint64_t revision;
   };
   std::vector<Update> updates;
   for (uint64_t n = 1; n <= 60; ++n) {
     updates.push_back({ids[random() % 3], RandomKey(random, 2),
-                       std::make_shared<const Tile>(RandomTile(random, kLimits)), n});
+                       std::make_shared<const StoredTile>(RandomTile(random, kLimits)), n});
   }
   Points first;
   for (int reader = 0; reader < 5; ++reader) {
@@ -209,7 +210,7 @@ TEST_F(SummedLayersTest, APlacementBeyondEveryMapLeavesOutWhatCannotBe) {
   const auto view =
       ViewOf({.options = {.limits = kLimits}, .layers = {layer.Snapshot()}, .settings = settings_});
   ASSERT_EQ(view->tiles.size(), 1u);
-  EXPECT_EQ(view->tiles.Find({kKnots / 32, -kKnots / 32})->control_points[5], 7);
+  EXPECT_EQ(FindTile(view->tiles, {kKnots / 32, -kKnots / 32})->control_points[5], 7);
 }
 
 TEST(SettingsTableTest, AnyOrderGroupingAndRepetitionGivesTheSameRecords) {

@@ -22,7 +22,7 @@ Cell CellAt(const TileTree& tiles, int i, int j) {
   for (int k = 0; k < 16; ++k) {
     const int32_t x = i - 1 + k % 4;
     const int32_t y = j - 1 + k / 4;
-    const Tile* tile = tiles.Find(TileOf(x, y));
+    const auto tile = FindTile(tiles, TileOf(x, y));
     patch.control_points[k] = tile == nullptr ? 0 : tile->control_points[IndexInTile(x, y)];
     cell.is_positive = cell.is_positive || patch.control_points[k] > 0;
   }
@@ -33,8 +33,8 @@ Cell CellAt(const TileTree& tiles, int i, int j) {
 void ExpectBoundsOf(const SurfaceBounds& bounds, const TileTree& tiles) {
   for (int ty = -4; ty < 4; ++ty) {
     for (int tx = -4; tx < 4; ++tx) {
-      const TileBounds* tile = bounds.tiles.Find({tx, ty});
-      EXPECT_TRUE(tile == nullptr || bounds.box.Contains({tx, ty}));
+      const std::shared_ptr<const TileBounds> tile = bounds.Find({tx, ty});
+      EXPECT_TRUE(tile == nullptr || bounds.box().Contains({tx, ty}));
       Bounds whole{.lower = 1e9, .all_known = true};
       for (int block = 0; block < 16; ++block) {
         Bounds expected{.lower = 1e9, .all_known = true};
@@ -76,7 +76,7 @@ TEST(SurfaceBoundsTest, AreThoseOfTheCellsWhateverWasSeenBefore) {
   std::uniform_int_distribution<int> value(-900, 300);
   MapWriter map(MapOptions{});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
-  SurfaceBoundsEditor editor;
+  SurfaceBounds bounds;
   std::vector<std::shared_ptr<const MapView>> views;
   for (int commit = 0; commit < 12; ++commit) {
     layer.BeginCommit();
@@ -95,8 +95,11 @@ TEST(SurfaceBoundsTest, AreThoseOfTheCellsWhateverWasSeenBefore) {
     views.push_back(map.View());
     // Now and then one of long ago.
     const bool is_old = commit % 4 == 3;
-    const MapView& shown = *views[is_old ? views.size() / 2 : views.size() - 1];
-    ExpectBoundsOf(editor.Update(shown), shown.tiles);
+    const auto shown = views[is_old ? views.size() / 2 : views.size() - 1];
+    const SurfaceBounds before = bounds;
+    bounds.Use(shown);
+    ExpectBoundsOf(bounds, shown->tiles);
+    ExpectBoundsOf(before, before.map()->tiles);
   }
 }
 

@@ -65,7 +65,7 @@ TEST_P(SurfaceAgainstEigen, ValueGradientAndHessianAgree) {
   Eigen::MatrixXd control_points(2 * Tile::kSide, 2 * Tile::kSide);
   for (const TileKey key : {TileKey{-1, -1}, TileKey{0, -1}, TileKey{-1, 0}, TileKey{0, 0}}) {
     const Tile tile = RandomTile(random);
-    layer.RestoreTile(key, std::make_shared<const Tile>(tile), 1);
+    layer.RestoreTile(key, std::make_shared<const StoredTile>(tile), 1);
     for (int k = 0; k < Tile::kSize; ++k) {
       control_points((key.ty + 1) * Tile::kSide + k / Tile::kSide,
                      (key.tx + 1) * Tile::kSide + k % Tile::kSide) =

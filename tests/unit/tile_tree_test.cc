@@ -17,7 +17,8 @@ Content ContentOf(const TileTree& tree, uint64_t since = 0) {
   Content content;
   tree.ForEachChanged(since, [&](TileKey key, const TileTree::Entry& entry) {
     const bool is_new =
-        content.emplace(std::pair(key.tx, key.ty), std::pair(*entry.tile, entry.revision)).second;
+        content.emplace(std::pair(key.tx, key.ty), std::pair(*entry.tile->Get(), entry.revision))
+            .second;
     EXPECT_TRUE(is_new) << "visited twice";
   });
   return content;
@@ -38,18 +39,18 @@ TEST(TileTreeTest, HoldsKeysOfEverySignAndSize) {
   TileTreeEditor editor;
   for (size_t k = 0; k < keys.size(); ++k) {
     EXPECT_EQ(editor.tree().Find(keys[k]), nullptr);
-    editor.Edit(keys[k], k + 1).control_points[7] = static_cast<ControlPoint>(k + 1);
+    editor.Edit(keys[k], k + 1).Edit().control_points[7] = static_cast<ControlPoint>(k + 1);
   }
   EXPECT_EQ(editor.tree().size(), keys.size());
   for (size_t k = 0; k < keys.size(); ++k) {
-    const Tile* tile = editor.tree().Find(keys[k]);
+    const auto tile = FindTile(editor.tree(), keys[k]);
     ASSERT_NE(tile, nullptr) << keys[k].tx << " " << keys[k].ty;
     EXPECT_EQ(tile->control_points[7], static_cast<ControlPoint>(k + 1));
     EXPECT_EQ(editor.tree().RevisionOf(keys[k]), k + 1);
   }
   std::vector<TileKey> with_absent = keys;
   with_absent.insert(with_absent.begin() + 3, {7, 7});
-  std::vector<const Tile*> found(with_absent.size());
+  std::vector<const StoredTile*> found(with_absent.size());
   editor.tree().FindMany(with_absent, absl::MakeSpan(found));
   for (size_t k = 0; k < found.size(); ++k) {
     EXPECT_EQ(found[k], editor.tree().Find(with_absent[k])) << k;
@@ -70,10 +71,10 @@ TEST(TileTreeTest, FrozenTreesKeepTheirContentWhateverComesAfter) {
     tile_revision = revision;
     if (revision % 7 == 0) {
       tile = RandomTile(random);
-      editor.Put(key, std::make_shared<const Tile>(tile), revision);
+      editor.Put(key, std::make_shared<const StoredTile>(tile), revision);
     } else {
       tile.control_points[revision % Tile::kSize] += 3;
-      editor.Edit(key, revision).control_points[revision % Tile::kSize] += 3;
+      editor.Edit(key, revision).Edit().control_points[revision % Tile::kSize] += 3;
     }
     if (revision % 20 == 0) frozen.emplace_back(editor.Freeze(), expected);
   }
@@ -85,33 +86,67 @@ TEST(TileTreeTest, FrozenTreesKeepTheirContentWhateverComesAfter) {
   }
 }
 
+// Of all pairs of states of two lines that began as one.
+TEST(TileTreeTest, DifferencesAreThoseOfTheContents) {
+  std::mt19937_64 random(5);
+  std::vector<TileTree> trees{TileTree()};
+  TileTreeEditor one;
+  TileTreeEditor other;
+  for (uint64_t revision = 1; revision <= 120; ++revision) {
+    TileTreeEditor& editor = revision > 40 && revision % 2 == 0 ? other : one;
+    const TileKey key = RandomKey(random, revision < 20 ? 2 : 60);
+    if (revision % 5 == 0 && editor.tree().Find(key) != nullptr) {
+      editor.Put(key, editor.tree().Share(key), revision);  // at another revision
+    } else {
+      editor.Put(key, std::make_shared<const StoredTile>(RandomTile(random)), revision);
+    }
+    if (revision == 40) other = TileTreeEditor(one.Freeze());
+    if (revision % 8 == 0) trees.push_back(editor.Freeze());
+  }
+  for (const TileTree& before : trees) {
+    for (const TileTree& after : trees) {
+      Content rest = ContentOf(before);
+      size_t differences = 0;
+      TileTree::ForEachDifference(
+          before, after, [&](TileKey key, const TileTree::Entry* was, const TileTree::Entry* is) {
+            ++differences;
+            EXPECT_EQ(was == nullptr, !rest.contains({key.tx, key.ty}));
+            rest.erase({key.tx, key.ty});
+            if (is != nullptr) rest[{key.tx, key.ty}] = {*is->tile->Get(), is->revision};
+          });
+      EXPECT_EQ(rest, ContentOf(after));
+      EXPECT_TRUE(&before != &after || differences == 0);
+    }
+  }
+}
+
 TEST(TileTreeTest, TwoEditorsOfOneTreeDoNotSeeEachOther) {
   TileTreeEditor first;
-  first.Edit({0, 0}, 1).control_points[0] = 10;
+  first.Edit({0, 0}, 1).Edit().control_points[0] = 10;
   const TileTree base = first.Freeze();
   TileTreeEditor second(base);
-  second.Edit({0, 0}, 2).control_points[0] = 20;
-  first.Edit({0, 0}, 2).control_points[0] = 30;
-  EXPECT_EQ(base.Find({0, 0})->control_points[0], 10);
-  EXPECT_EQ(first.tree().Find({0, 0})->control_points[0], 30);
-  EXPECT_EQ(second.tree().Find({0, 0})->control_points[0], 20);
+  second.Edit({0, 0}, 2).Edit().control_points[0] = 20;
+  first.Edit({0, 0}, 2).Edit().control_points[0] = 30;
+  EXPECT_EQ(FindTile(base, {0, 0})->control_points[0], 10);
+  EXPECT_EQ(FindTile(first.tree(), {0, 0})->control_points[0], 30);
+  EXPECT_EQ(FindTile(second.tree(), {0, 0})->control_points[0], 20);
 }
 
 TEST(TileTreeTest, AnEditOfASharedTileCopiesIt) {
-  const auto shared = std::make_shared<const Tile>();
+  const auto shared = std::make_shared<const StoredTile>();
   TileTreeEditor editor;
   editor.Put({1, 2}, shared, 1);
-  editor.Edit({1, 2}, 2).control_points[5] = 9;
-  EXPECT_EQ(shared->control_points[5], 0);
-  EXPECT_EQ(editor.tree().Find({1, 2})->control_points[5], 9);
+  editor.Edit({1, 2}, 2).Edit().control_points[5] = 9;
+  EXPECT_EQ(shared->Get()->control_points[5], 0);
+  EXPECT_EQ(FindTile(editor.tree(), {1, 2})->control_points[5], 9);
 }
 
 TEST(TileTreeTest, WritesInPlaceUntilTheNextFreeze) {
   TileTreeEditor editor;
-  const Tile* tile = &editor.Edit({0, 0}, 1);
-  EXPECT_EQ(&editor.Edit({0, 0}, 2), tile);
+  const Tile* tile = &editor.Edit({0, 0}, 1).Edit();
+  EXPECT_EQ(&editor.Edit({0, 0}, 2).Edit(), tile);
   const TileTree frozen = editor.Freeze();
-  EXPECT_NE(&editor.Edit({0, 0}, 3), tile);
+  EXPECT_NE(&editor.Edit({0, 0}, 3).Edit(), tile);
 }
 
 TEST(TileTreeTest, VisitsJustWhatChangedSinceAnEarlierFreeze) {
@@ -124,9 +159,9 @@ TEST(TileTreeTest, VisitsJustWhatChangedSinceAnEarlierFreeze) {
       const TileKey key = RandomKey(random, round == 20 ? 1000 : 20);
       // Revisions of an owner may come in any order; what changed here does not depend on them.
       if (n % 2 == 0) {
-        editor.Edit(key, random() % 100).control_points[0] += 1;
+        editor.Edit(key, random() % 100).Edit().control_points[0] += 1;
       } else {
-        editor.Put(key, std::make_shared<const Tile>(RandomTile(random)), random() % 100);
+        editor.Put(key, std::make_shared<const StoredTile>(RandomTile(random)), random() % 100);
       }
       changed_in[{key.tx, key.ty}] = round;
     }
@@ -137,7 +172,7 @@ TEST(TileTreeTest, VisitsJustWhatChangedSinceAnEarlierFreeze) {
     for (const auto& [key, last_change] : changed_in) {
       if (last_change <= round) continue;
       const TileKey changed{key.first, key.second};
-      expected[key] = {*frozen.back().Find(changed), frozen.back().RevisionOf(changed)};
+      expected[key] = {*FindTile(frozen.back(), changed), frozen.back().RevisionOf(changed)};
     }
     EXPECT_EQ(ContentOf(frozen.back(), frozen[round].version()), expected) << round;
   }

@@ -15,6 +15,8 @@ class Database;
 namespace splinemap {
 
 struct SavedLayer;
+class TileMemory;
+class TileRows;
 
 // What was read of a file.
 struct LoadedMap {
@@ -33,7 +35,10 @@ class MapFile {
   // Opens for writing, which one process at a time can; makes the file where there is none. Errors
   // say what is in the way: another process (FailedPrecondition), no
   // permission, no SQLite database, a database of something else, a newer schema.
-  static absl::StatusOr<MapFile> Open(const std::string& path);
+  // What `memory` bounds of its tiles is not in memory, but for those that were used last; null:
+  // all are.
+  static absl::StatusOr<MapFile> Open(const std::string& path,
+                                      std::shared_ptr<TileMemory> memory = nullptr);
   // Opens for reading a file that exists; another process may be writing to it.
   static absl::StatusOr<MapFile> OpenReadOnly(const std::string& path);
 
@@ -54,10 +59,11 @@ class MapFile {
   absl::StatusOr<LoadedMap> Load();
 
   // Writes what changed since the last save of this object or its Load(); all of it the first time,
-  // and where the file is damaged, into a new one in its place. A layer that began anew is written
-  // whole, and one that is gone is deleted. Requires equal map options. Returns problems that did
+  // and where the file is damaged, into a new one in its place. A layer that is gone is deleted.
+  // Requires equal map options. Returns problems that did
   // not keep it from saving, a line each: what was left out since it cannot be true
-  // (lib/map/validity.h), or that the file was damaged and is written anew. After a failure (the
+  // (lib/map/validity.h), tiles that could not be read since the last save, or that the file was
+  // damaged and is written anew. After a failure (the
   // disk is full, the file was deleted or replaced) the file is as it was, and the next save writes
   // what this one did not.
   absl::StatusOr<std::vector<std::string>> Save(const LayerSet& set);
@@ -80,7 +86,12 @@ class MapFile {
   class Lock;
 
   MapFile(std::string path, std::unique_ptr<Lock> lock, std::unique_ptr<SQLite::Database> database);
-  static absl::StatusOr<MapFile> OpenDatabase(const std::string& path, std::unique_ptr<Lock> lock);
+  static absl::StatusOr<MapFile> OpenDatabase(const std::string& path, std::unique_ptr<Lock> lock,
+                                              std::shared_ptr<TileMemory> memory);
+  struct Written;
+  // Writes in one transaction what `set` has other than the last save.
+  Written Write(const LayerSet& set);
+  void Adopt(Written written);
   absl::StatusOr<std::string> KeepDamaged() const;
   absl::StatusOr<std::vector<std::string>> Renew(const LayerSet& set);
 
@@ -88,6 +99,9 @@ class MapFile {
   std::unique_ptr<Lock> lock_;                  // of a writer; outlives database_
   std::unique_ptr<SQLite::Database> database_;  // null where it is closed or damaged
   absl::Status damage_;                         // why the pages have to be read
+  std::shared_ptr<TileMemory> memory_;
+  std::shared_ptr<TileRows> rows_;  // of a writer, once the limits of tiles are known
+  bool is_known_ = false;           // the tables hold saved_, and nothing else
   std::vector<SavedLayer> saved_;
 };
 

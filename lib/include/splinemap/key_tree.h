@@ -46,6 +46,13 @@ class KeyTree {
   // whose version() is `since`.
   void ForEachChanged(uint64_t since, Visitor visit) const;
 
+  // Visits the keys at which frozen trees have other objects or revisions, with what each has, null
+  // where that is nothing. Costs what differs, where one was made from the other.
+  using DifferenceVisitor =
+      absl::FunctionRef<void(TileKey, const Entry* before, const Entry* after)>;
+  static void ForEachDifference(const KeyTree& before, const KeyTree& after,
+                                DifferenceVisitor visit);
+
   // Counts freezes in this process: later trees have greater versions.
   uint64_t version() const { return version_; }
   // All trees that one editor has frozen have one line, and no others.
@@ -63,6 +70,11 @@ class KeyTree {
   const Leaf* FindLeaf(TileKey key) const;
   static void Visit(const Node& node, int level, uint32_t x, uint32_t y, uint64_t since,
                     Visitor visit);
+  struct Part;
+  static void VisitDifferences(const Part& before, const Part& after, int level, uint32_t x,
+                               uint32_t y, DifferenceVisitor visit);
+  static void VisitDifferences(const Leaf* before, const Leaf* after, uint32_t x, uint32_t y,
+                               DifferenceVisitor visit);
 
   std::shared_ptr<Node> root_;
   int height_ = 0;  // levels of nodes; the root covers 8^height tiles each way

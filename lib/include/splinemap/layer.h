@@ -73,7 +73,7 @@ class Layer {
   // commits only, so none holds half of one.
   void BeginCommit() { ++revision_; }
   // Requires a commit. The reference is valid until the next call.
-  Tile& EditTile(TileKey key) { return tiles_.Edit(key, revision_); }
+  Tile& EditTile(TileKey key) { return tiles_.Edit(key, revision_).Edit(); }
   // The next commit, made of the edits of `edit`, which stamps them with the revision that it gets.
   template <typename Edit>  // void(TileTreeEditor& tiles, uint64_t revision)
   void Commit(Edit edit) {
@@ -83,7 +83,7 @@ class Layer {
 
   // Restores what a file or another owner's update says, unless the layer has that revision of the
   // tile or a newer one; the layer's revision grows with it. Requires IsInRange(key).
-  void RestoreTile(TileKey key, std::shared_ptr<const Tile> tile, uint64_t revision);
+  void RestoreTile(TileKey key, std::shared_ptr<const StoredTile> tile, uint64_t revision);
   void RestoreRevision(uint64_t revision);
 
   // Other tiles in place of those that are there, in another session: they are another fold.

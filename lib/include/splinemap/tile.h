@@ -76,7 +76,29 @@ struct alignas(64) Tile {
 constexpr TileKey TileOf(int32_t i, int32_t j) { return {i >> 5, j >> 5}; }
 constexpr int IndexInTile(int32_t i, int32_t j) { return ((j & 31) << 5) | (i & 31); }
 
-// Number of control points that a measurement touched.
-int CountTouched(const Tile& tile);
+// The control points of a tile that a measurement touched.
+struct TouchedPoints {
+  int16_t points = 0;
+  int8_t i0 = 0;  // the box around them, its last row and column included; of none: zeros
+  int8_t j0 = 0;
+  int8_t i1 = 0;
+  int8_t j1 = 0;
+  bool operator==(const TouchedPoints&) const = default;
+
+  // In 31 bits.
+  uint32_t Packed() const {
+    return static_cast<uint32_t>(points) << 20 | static_cast<uint32_t>(i0) << 15 |
+           static_cast<uint32_t>(j0) << 10 | static_cast<uint32_t>(i1) << 5 |
+           static_cast<uint32_t>(j1);
+  }
+  static TouchedPoints Unpacked(uint32_t packed) {
+    const auto coordinate = [packed](int bit) { return static_cast<int8_t>(packed >> bit & 31); };
+    return {static_cast<int16_t>(packed >> 20 & 2047), coordinate(15), coordinate(10),
+            coordinate(5), coordinate(0)};
+  }
+};
+TouchedPoints TouchedPointsOf(const Tile& tile);
+
+inline int CountTouched(const Tile& tile) { return TouchedPointsOf(tile).points; }
 
 }  // namespace splinemap

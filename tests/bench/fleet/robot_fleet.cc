@@ -120,8 +120,9 @@ std::vector<int64_t> RobotFleet::Hashes() const {
   std::vector<int64_t> hashes;
   for (const auto& robot : robots_) {
     uint64_t hash = 0;
-    robot->layer.tiles().ForEach(
-        [&](TileKey key, const TileTree::Entry& entry) { hash += TileChecksum(key, *entry.tile); });
+    robot->layer.tiles().ForEach([&](TileKey key, const TileTree::Entry& entry) {
+      hash += TileChecksum(key, *entry.tile->Get());
+    });
     hashes.push_back(static_cast<int64_t>(hash));
   }
   return hashes;

@@ -136,12 +136,12 @@ MapView Merge(const LayersOfRobots& layers, const Scheme& scheme,
               const std::vector<TileKey>& keys) {
   const ControlLimits limits = Limits(scheme.merged_clamp);
   TileTreeEditor merged;
-  std::vector<const Tile*> tiles;
+  std::vector<std::shared_ptr<const Tile>> tiles;
   std::vector<ControlPoint> points;
   for (const TileKey key : keys.empty() ? AllKeys(layers) : keys) {
     tiles.clear();
-    for (const TileTree& layer : layers.tiles) tiles.push_back(layer.Find(key));
-    Tile& tile = merged.Edit(key, 0);
+    for (const TileTree& layer : layers.tiles) tiles.push_back(FindTile(layer, key));
+    Tile& tile = merged.Edit(key, 0).Edit();
     for (int k = 0; k < Tile::kSize; ++k) {
       points.clear();
       size_t others = 0;

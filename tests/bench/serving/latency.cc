@@ -130,13 +130,12 @@ class Forecast {
     mapper_->HandleMessage("POSE", Encode(reading.pose));
     mapper_->HandleMessage("LASER", Encode(reading.scan));
     Change change{layer_->revision(), {}};
-    layer_->Snapshot().tiles.ForEachChanged(before.version(),
-                                            [&](TileKey key, const TileTree::Entry& entry) {
-                                              // What a scan leaves as it was is not published.
-                                              const Tile* tile = before.Find(key);
-                                              if (tile == nullptr || *tile != *entry.tile)
-                                                change.tiles.push_back(key);
-                                            });
+    layer_->Snapshot().tiles.ForEachChanged(
+        before.version(), [&](TileKey key, const TileTree::Entry& entry) {
+          // What a scan leaves as it was is not published.
+          const StoredTile* tile = before.Find(key);
+          if (tile == nullptr || !HaveEqualContent(*tile, *entry.tile)) change.tiles.push_back(key);
+        });
     return change;
   }
 

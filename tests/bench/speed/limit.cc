@@ -64,7 +64,7 @@ Changes ChangesOf(const Workload& workload, const BeamModelOptions& options) {
     mapper.Clear();
     mapper.Insert(scan);
     mapper.layer().tiles().ForEach([&](TileKey key, const TileTree::Entry& entry) {
-      Append(numbers.try_emplace(key, numbers.size()).first->second, *entry.tile, changes);
+      Append(numbers.try_emplace(key, numbers.size()).first->second, *entry.tile->Get(), changes);
     });
   }
   changes.num_scans = workload.scans.size();

@@ -27,8 +27,10 @@ class QueryMap {
   explicit QueryMap(size_t num_tiles) : square_(num_tiles), map_({kResolution_m, {}}) {
     square_.CommitTo(map_.AddLayer({"bench", 1}, {1, 1}));
     view_ = map_.View();
-    view_->tiles.ForEach(
-        [&](TileKey, const TileTree::Entry& entry) { tiles_.push_back(entry.tile.get()); });
+    view_->tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
+      held_.push_back(entry.tile->Get());
+      tiles_.push_back(held_.back().get());
+    });
   }
 
   const MapView& view() const { return *view_; }
@@ -40,7 +42,8 @@ class QueryMap {
   TileSquare square_;
   MapWriter map_;
   std::shared_ptr<const MapView> view_;
-  std::vector<const Tile*> tiles_;
+  std::vector<std::shared_ptr<const Tile>> held_;
+  std::vector<const Tile*> tiles_;  // the same
 };
 
 Points RandomPoints(double half_width_m) {

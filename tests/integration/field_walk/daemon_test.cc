@@ -153,7 +153,7 @@ class Site {
   static uint64_t HashOf(const TileTree& tiles) {
     HashTree hashes;
     tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-      hashes.Set(key, TileChecksum(key, *entry.tile));
+      hashes.Set(key, TileChecksum(key, *entry.tile->Get()));
     });
     return hashes.hash();
   }

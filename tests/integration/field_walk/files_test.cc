@@ -234,8 +234,8 @@ class FileWalkTest : public testing::Test {
       layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
         only = only && std::any_of(original_.layers.begin(), original_.layers.end(),
                                    [&](const LayerSnapshot& other) {
-                                     const Tile* tile = other.tiles.Find(key);
-                                     return tile != nullptr && *tile == *entry.tile;
+                                     const StoredTile* tile = other.tiles.Find(key);
+                                     return tile != nullptr && HaveEqualContent(*tile, *entry.tile);
                                    });
       });
     }

@@ -37,8 +37,8 @@ constexpr int64_t kSomebody = 99;
 bool HaveSameTiles(const TileTree& a, const TileTree& b) {
   bool same = a.size() == b.size();
   a.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    const Tile* other = b.Find(key);
-    same = same && other != nullptr && *other == *entry.tile;
+    const StoredTile* other = b.Find(key);
+    same = same && other != nullptr && HaveEqualContent(*other, *entry.tile);
   });
   return same;
 }

@@ -1,0 +1,67 @@
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+
+#include "splinemap/tile.h"
+
+namespace splinemap {
+
+class TileSource;
+
+// A tile of a tree: in memory, or wherever its source has it until somebody asks. Shared by all
+// trees that have it. Thread-safe but for Edit().
+class StoredTile : public std::enable_shared_from_this<StoredTile> {
+ public:
+  // In memory, for as long as it has no source. The first is a tile of zeros.
+  StoredTile() : StoredTile(Tile()) {}
+  explicit StoredTile(const Tile& tile) : tile_(std::make_shared<Tile>(tile)), is_own_(true) {}
+  // At the source, which knows it by that number.
+  StoredTile(std::shared_ptr<TileSource> source, int64_t number);
+  // The same, where it is known what the functions of these names say.
+  StoredTile(std::shared_ptr<TileSource> source, int64_t number, uint64_t checksum,
+             const TouchedPoints& touched);
+  // In memory, a copy of its own.
+  StoredTile(const StoredTile& other) : enable_shared_from_this(), tile_(other.Get()) {}
+  StoredTile& operator=(const StoredTile&) = delete;
+  ~StoredTile();
+
+  // The content, which stays in memory for as long as the caller has it.
+  std::shared_ptr<const Tile> Get() const;
+  // The content to be written. Requires that it has no source, and that nobody else has this
+  // object.
+  Tile& Edit();
+
+  // TileChecksum() of the content, for `key`, with which it is always called.
+  uint64_t Checksum(TileKey key) const;
+  TouchedPoints Touched() const;
+
+  // The number at `source`; 0 where it has another source or none.
+  int64_t NumberAt(const TileSource* source) const;
+  // From now on it may leave memory, and comes back from there. Requires a number other than 0 that
+  // is its alone.
+  void SetSource(std::shared_ptr<TileSource> source, int64_t number) const;
+
+ private:
+  friend class TileMemory;
+  class Guard;
+
+  enum class Eviction { kDone, kWasUsed, kNothingToDo };
+  Eviction Evict() const;
+
+  mutable std::shared_ptr<const Tile> tile_;  // null where it is at the source
+  mutable std::shared_ptr<TileSource> source_;
+  mutable int64_t number_ = 0;
+  mutable std::atomic<uint64_t> checksum_{0};   // 0: to be found
+  mutable std::atomic<uint32_t> touched_{0};    // packed; 0: to be found
+  mutable std::atomic<bool> is_locked_{false};  // guards all above
+  mutable bool was_used_ = false;
+  mutable bool is_counted_ = false;  // by the source's memory
+  bool is_own_ = false;              // tile_ was made by Edit(), and nobody else has seen it
+};
+
+// Without reading what is the same object.
+bool HaveEqualContent(const StoredTile& a, const StoredTile& b);
+
+}  // namespace splinemap
