@@ -2,7 +2,7 @@
 
 #include "fmt/format.h"
 #include "lib/map/control_point_reader.h"
-#include "lib/map/placed_tile.h"
+#include "lib/map/summed_layers.h"
 
 namespace splinemap {
 namespace {
@@ -50,10 +50,18 @@ void VisitComparedPoints(const LayerSet& set, const MapView& sum, ComparedPointV
   for (const LayerSnapshot& layer : set.layers) {
     const LayerSettings& settings = set.settings.Of(layer.id);
     if (!settings.IsSummed()) continue;
+    LayerSet alone{.options = set.options, .layers = {layer}};
+    LayerSettings where;
+    where.placement = settings.placement;
+    where.counter = 1;
+    alone.settings.Merge(layer.id, where);
+    // All of it need not be in memory.
+    constexpr size_t kTilesAtOnce = 256;
     const TileTree placed =
-        Placed(layer.tiles, KnotPlacement(settings.placement, set.options.knot_interval_m));
+        SummedLayers({}, std::make_shared<TileMemory>(kTilesAtOnce)).Update(alone)->tiles;
     OtherLayers others(sum.tiles, placed);
     placed.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+      if (sum.tiles.Find(key) == entry.tile.get()) return;  // no other layer has any of it
       const std::shared_ptr<const Tile> tile = entry.tile->Get();
       for (int k = 0; k < Tile::kSize; ++k) {
         if (tile->control_points[k] < kCertain) continue;

@@ -50,6 +50,10 @@ const char* ProblemName(Problem problem) {
       return "dropped_updates";
     case Problem::kLostLogLines:
       return "lost_log_lines";
+    case Problem::kNotSaved:
+      return "not_saved";
+    case Problem::kShortMemory:
+      return "short_memory";
   }
   return "unknown";
 }

@@ -32,8 +32,10 @@ enum class Problem {
   kMalformedMessages,  // on splinemap's own channels
   kDroppedUpdates,     // messages about layers that came faster than they were handled
   kLostLogLines,       // nobody reads the log
+  kNotSaved,           // the map file cannot be written
+  kShortMemory,        // the budget of memory is less than the map needs at least
 };
-inline constexpr int kNumProblems = static_cast<int>(Problem::kLostLogLines) + 1;
+inline constexpr int kNumProblems = static_cast<int>(Problem::kShortMemory) + 1;
 
 // As in status messages: "useless_beam_times".
 const char* ProblemName(Problem problem);

@@ -203,6 +203,12 @@ absl::StatusOr<MapFile> MapFile::OpenDatabase(const std::string& path, std::uniq
     if (!schema.ok() || !is_writer) return schema;
     file.database_->exec("PRAGMA journal_mode = WAL");
     file.database_->exec("PRAGMA synchronous = FULL");
+    file.log_pages_ = std::make_unique<int>(0);
+    const auto count_pages = [](void* log_pages, sqlite3*, const char*, int pages) {
+      *static_cast<int*>(log_pages) = pages;
+      return SQLITE_OK;
+    };
+    sqlite3_wal_hook(file.database_->getHandle(), count_pages, file.log_pages_.get());
     return absl::OkStatus();
   });
   if (status.ok()) return file;
@@ -322,6 +328,16 @@ void MapFile::Adopt(Written written) {
   is_known_ = true;
 }
 
+// Not with each save: the same pages change with many of them. Waits for nobody: what readers hold
+// up comes with the next.
+void MapFile::MoveLogIntoFile() {
+  constexpr int kMaxLogPages = 256;
+  if (*log_pages_ < kMaxLogPages) return;
+  sqlite3* const handle = database_->getHandle();
+  sqlite3_wal_checkpoint_v2(handle, nullptr, SQLITE_CHECKPOINT_PASSIVE, nullptr, nullptr);
+  if (IsFailedSync(sqlite3_extended_errcode(handle))) throw SQLite::Exception(handle);
+}
+
 absl::StatusOr<std::vector<std::string>> MapFile::Save(const LayerSet& set) {
   using Problems = std::vector<std::string>;
   SPLINEMAP_RETURN_IF_ERROR(CheckMapOptions(set.options));
@@ -336,11 +352,7 @@ absl::StatusOr<std::vector<std::string>> MapFile::Save(const LayerSet& set) {
       Written written = Write(set);
       Problems problems = std::move(written.problems);
       Adopt(std::move(written));
-      // So that a copy of the one file has all. Waits for nobody: what readers hold up comes with
-      // the next.
-      sqlite3* const handle = database_->getHandle();
-      sqlite3_wal_checkpoint_v2(handle, nullptr, SQLITE_CHECKPOINT_PASSIVE, nullptr, nullptr);
-      if (IsFailedSync(sqlite3_extended_errcode(handle))) throw SQLite::Exception(handle);
+      MoveLogIntoFile();
       for (std::string& problem : rows_->TakeProblems()) problems.push_back(std::move(problem));
       return problems;
     } catch (const SQLite::Exception& exception) {

@@ -13,6 +13,7 @@
 #include <optional>
 #include <set>
 #include <string_view>
+#include <tuple>
 #include <utility>
 
 #include "absl/container/flat_hash_map.h"
@@ -244,6 +245,19 @@ class MapReader {
     return trees;
   }
 
+  int64_t RowOf(const LayerId& id) const {
+    const auto found = std::find_if(layers_.begin(), layers_.end(), [&](const auto& reading) {
+      return reading.second.layer->id() == id;
+    });
+    return found->first;
+  }
+
+  size_t NumTiles() const {
+    size_t tiles = 0;
+    for (const auto& [row, reading] : layers_) tiles += records_.at(row).tiles();
+    return tiles;
+  }
+
   // The tile of a layer, where it is there already.
   std::shared_ptr<const StoredTile> TileOfLayer(int64_t row, TileKey key) const {
     const auto found = layers_.find(row);
@@ -274,11 +288,15 @@ class MapReader {
                tile.ok() ? ReadTile(std::make_shared<const StoredTile>(*tile)) : tile.status());
   }
 
-  // A tile that no square has that can be read: of a layer that lacks it, for want of a better one.
+  // A square that can be read: what it does not have is older.
+  void NoteSquare(int64_t tree, int64_t x, int64_t y) { squares_.insert({tree, x, y}); }
+
+  // A tile that no square has that can be read: the newest of its key, for want of a better one.
   void HandleLooseTile(const TileRow& row) {
     const auto found = layers_.find(row.layer);
     const std::optional<TileKey> key = KeyOf(row.tx, row.ty);
     if (found == layers_.end() || !key || row.revision == 0 ||
+        squares_.contains({row.layer, PlaceInSquares(key->tx), PlaceInSquares(key->ty)}) ||
         row.revision > found->second.max_revision) {
       return;
     }
@@ -417,6 +435,7 @@ class MapReader {
   LayerSet set_;
   std::deque<Layer> read_;
   std::map<int64_t, Reading> layers_;
+  absl::flat_hash_set<std::tuple<int64_t, int64_t, int64_t>> squares_;
   std::optional<ArchiveReader> archives_;
   std::map<LayerId, SavedArchive> saved_archives_;
   std::vector<std::string> corruption_;
@@ -500,17 +519,6 @@ void PutRecord(SQLite::Statement& put, int index, const std::string& bytes) {
   put.bind(index, bytes.data(), static_cast<int>(bytes.size()));
   put.exec();
   put.reset();
-}
-
-// The ids of layers in the tables.
-std::map<LayerId, int64_t> RowsOfLayers(SQLite::Database& database) {
-  std::map<LayerId, int64_t> rows;
-  SQLite::Statement layers(database, "SELECT id, name, origin FROM layer");
-  while (layers.executeStep()) {
-    rows[{layers.getColumn(1).getString(), FromSql(layers.getColumn(2).getInt64())}] =
-        layers.getColumn(0).getInt64();
-  }
-  return rows;
 }
 
 }  // namespace
@@ -602,7 +610,13 @@ void ReadKeyedTiles(SQLite::Database& database, MapReader& reader) {
 class SquareReader {
  public:
   SquareReader(std::shared_ptr<TileRows> rows, SQLite::Database& database, MapReader& reader)
-      : rows_(std::move(rows)), tiles_(database, reader.limits()), reader_(reader) {}
+      : rows_(std::move(rows)), tiles_(database, reader.limits()), reader_(reader) {
+    // A small map is read at once, and so is what is damaged of it.
+    constexpr size_t kMaxAtOnce = 16'384;
+    TileMemory* const memory = rows_ == nullptr ? nullptr : rows_->memory();
+    reads_later_ = memory != nullptr &&
+                   reader_.NumTiles() > std::min(kMaxAtOnce, memory->max_tiles());
+  }
 
   void Read(SQLite::Database& database) {
     SQLite::Statement squares(database,
@@ -636,7 +650,7 @@ class SquareReader {
       }
     }
     const bool has_row = is_first && rows_ != nullptr;
-    if (has_row && rows_->memory() != nullptr) {
+    if (has_row && reads_later_) {
       return std::make_shared<const StoredTile>(rows_, entry.number, entry.checksum, entry.touched);
     }
     SPLINEMAP_ASSIGN_OR_RETURN(const Tile content, tiles_.Read(entry.number));
@@ -651,6 +665,7 @@ class SquareReader {
   const std::shared_ptr<TileRows> rows_;
   TileReader tiles_;
   MapReader& reader_;
+  bool reads_later_ = false;
   absl::flat_hash_set<int64_t> numbers_;
 };
 
@@ -686,7 +701,12 @@ absl::StatusOr<ReadRows> ReadMap(const std::string& path, SQLite::Database& data
     rows->BeginWith(last.getInt64(), reader.tile_rows(), squares.numbers());
   }
   for (const LayerSnapshot& layer : read.map.set.layers) {
-    SavedLayer saved{layer.id, layer.tiles, {}, {}, reader.saved_archives().at(layer.id)};
+    SavedLayer saved{.id = layer.id,
+                     .row = reader.RowOf(layer.id),
+                     .tiles = layer.tiles,
+                     .tally = {},
+                     .left_out = {},
+                     .archive = reader.saved_archives().at(layer.id)};
     layer.tiles.ForEach(
         [&](TileKey key, const TileTree::Entry& entry) { saved.tally.Add(key, entry.revision); });
     read.saved.push_back(std::move(saved));
@@ -714,6 +734,7 @@ absl::StatusOr<LoadedMap> ReadMapOfPages(const std::string& path) {
             EntriesOfSquare(tree, columns[1].integer, columns[2].integer,
                             std::string(columns[3].bytes), FromSql(columns[4].integer));
         if (!entries.ok()) return;  // what it had is missed
+        reader.NoteSquare(tree, columns[1].integer, columns[2].integer);
         for (const SquareEntry& entry : *entries) claims[entry.number].push_back({tree, entry});
       }));
   SPLINEMAP_RETURN_IF_ERROR(reader.BeginTiles());
@@ -776,11 +797,12 @@ MapRowWriter::~MapRowWriter() { rows_->GiveBack(forgotten_); }
 
 void MapRowWriter::Write(const LayerSet& map, const std::vector<SavedLayer>& saved,
                          std::vector<std::string>& problems) {
-  const std::map<LayerId, int64_t> known_rows = RowsOfLayers(database_);
   int64_t last_row = 0;
-  for (const auto& [id, row] : known_rows) last_row = std::max(last_row, row);
   int64_t last_archive = 0;
-  for (const SavedLayer& known : saved) last_archive = std::max(last_archive, known.archive.id);
+  for (const SavedLayer& known : saved) {
+    last_row = std::max(last_row, known.row);
+    last_archive = std::max(last_archive, known.archive.id);
+  }
   std::vector<store::LayerRecord> records;
   std::vector<int64_t> trees;
   std::vector<int64_t> archives;
@@ -795,8 +817,8 @@ void MapRowWriter::Write(const LayerSet& map, const std::vector<SavedLayer>& sav
       if (known.id == layer.id) state = known;
     }
     const SavedLayer before = state;
-    const auto known_row = known_rows.find(layer.id);
-    const int64_t row = known_row == known_rows.end() ? ++last_row : known_row->second;
+    if (state.row == 0) state.row = ++last_row;
+    const int64_t row = state.row;
     FollowChanges(layer, map.options.limits, state);
     trees_.Write(row, row, before.tiles, layer.tiles, state.left_out);
     trees.push_back(row);

@@ -36,6 +36,7 @@ struct TileTally {
 // A layer that the rows hold.
 struct SavedLayer {
   LayerId id;
+  int64_t row = 0;  // of the table, and the tree of its tiles
   TileTree tiles;
   TileTally tally;             // of those that are not left out
   std::set<TileKey> left_out;  // they cannot be

@@ -34,9 +34,7 @@ struct Square {
   }
 };
 
-Square SquareOf(TileKey key) {
-  return {(key.tx + kSquareShift) >> 3, (key.ty + kSquareShift) >> 3};
-}
+Square SquareOf(TileKey key) { return {PlaceInSquares(key.tx), PlaceInSquares(key.ty)}; }
 
 }  // namespace
 

@@ -74,6 +74,9 @@ std::optional<TileKey> KeyOf(int64_t tx, int64_t ty);
 // DataLoss where the row is damaged; other errors where a tile cannot be so.
 absl::StatusOr<Tile> TileOfRow(const TileRow& row, TileKey key, ControlLimits limits);
 
+// The x or y of the square that a tile of this tx or ty is in.
+inline int32_t PlaceInSquares(int32_t tile) { return (tile + 4) >> 3; }
+
 // A tile of a tree, as a square says.
 struct SquareEntry {
   TileKey key;

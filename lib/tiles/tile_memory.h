@@ -21,6 +21,7 @@ class TileMemory {
   explicit TileMemory(size_t max_tiles) : max_tiles_(max_tiles) {}
 
   void SetMaxTiles(size_t max_tiles);
+  size_t max_tiles() const { return max_tiles_; }
   size_t num_tiles() const { return num_tiles_; }
 
  private:

@@ -17,6 +17,7 @@
 #include "services/splinemapd/request_server.h"
 #include "services/splinemapd/status_reporter.h"
 #include "services/splinemapd/stored_map.h"
+#include "services/splinemapd/tile_budget.h"
 
 namespace splinemap {
 namespace {
@@ -43,10 +44,6 @@ PublisherOptions PublisherOptionsOf(const config::Service& service) {
   return publisher;
 }
 
-size_t MaxTilesOf(const config::Service& service) {
-  return (size_t{service.max_memory_mb()} << 20) / TileMemory::kBytesPerTile;
-}
-
 LayerSnapshot OwnOf(StoredMap& stored) {
   LayerSnapshot own = stored.own.Snapshot();
   own.archive = std::make_shared<ScanArchive>(stored.archive);
@@ -62,8 +59,8 @@ void Log(bool is_problem, const std::string& text) {
 // In the order in which they are made; each uses those above it.
 struct Daemon::Parts {
   Parts(const config::Config& config, LcmBus& bus, NoticeLog& notices, MapFile file,
-        StoredMap stored, std::shared_ptr<TileMemory> memory)
-      : newest(stored.options, OwnOf(stored), std::move(memory)),
+        StoredMap stored, TileBudget budget)
+      : newest(stored.options, OwnOf(stored), budget.memory()),
         saver(std::move(file), newest, notices),
         receiving(bus, notices),
         mapping(config, stored.options, std::move(stored.own), std::move(stored.archive), newest,
@@ -81,7 +78,8 @@ struct Daemon::Parts {
             [this](const std::vector<uint8_t>& command, RequestServer::Done done) {
               handlers.Execute(command, std::move(done));
             }),
-        reporter(config, {newest, notices, receiving, mapping, replication, requests, saver}) {}
+        reporter(config, {newest, notices, receiving, mapping, replication, requests, saver},
+                 std::move(budget)) {}
 
   NewestMap newest;
   MapSaver saver;
@@ -97,8 +95,8 @@ struct Daemon::Parts {
 absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& asked,
                                                       std::unique_ptr<LcmBus> bus) {
   SPLINEMAP_RETURN_IF_ERROR(CheckConfig(asked));
-  const auto memory = std::make_shared<TileMemory>(MaxTilesOf(asked.service()));
-  SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(MapPath(asked), memory));
+  TileBudget budget(size_t{asked.service().max_memory_mb()} << 20);
+  SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(MapPath(asked), budget.memory()));
   auto notices = std::make_unique<NoticeLog>(&Log);
   SPLINEMAP_ASSIGN_OR_RETURN(StoredMap stored, LoadStoredMap(asked, file, *notices));
   config::Config config = asked;
@@ -116,7 +114,7 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& aske
   }
   std::unique_ptr<Daemon> daemon(new Daemon(config, std::move(bus), std::move(notices)));
   daemon->parts_ = std::make_unique<Parts>(config, *daemon->bus_, *daemon->notices_,
-                                           std::move(file), std::move(stored), memory);
+                                           std::move(file), std::move(stored), std::move(budget));
   SPLINEMAP_RETURN_IF_ERROR(daemon->StartThreads());
   return daemon;
 }

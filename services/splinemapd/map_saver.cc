@@ -32,7 +32,7 @@ void MapSaver::Run(const std::stop_token& stop, std::chrono::duration<double> in
 
 void MapSaver::Report(const absl::Status& saved) {
   if (!saved.ok()) {
-    notices_.Report({.subject = "save", .text = "the map is not saved: " + ErrorText(saved)});
+    notices_.ReportProblem(Problem::kNotSaved, "save", "the map is not saved: " + ErrorText(saved));
   } else if (is_failing_) {
     notices_.Report(
         {.is_problem = false, .subject = "saved again", .text = "the map is saved again"});

@@ -26,8 +26,9 @@ std::chrono::nanoseconds TimeSinceBoot() {
 
 }  // namespace
 
-StatusReporter::StatusReporter(const config::Config& config, const Parts& parts)
-    : config_(config), parts_(parts) {
+StatusReporter::StatusReporter(const config::Config& config, const Parts& parts, TileBudget budget)
+    : config_(config), parts_(parts), budget_(std::move(budget)) {
+  budget_.Share(*parts.newest.Layers());
   for (const config::Scan& scan : config.scan()) {
     extrinsics_channels_.insert(scan.extrinsics_channel());
   }
@@ -42,6 +43,7 @@ int64_t StatusReporter::Growth(const std::string& count, int64_t value) {
 
 void StatusReporter::CheckHealth() {
   CheckClock();
+  CheckMemory();
   CheckSilence();
   CheckLosses();
   CheckRequests();
@@ -75,6 +77,20 @@ void StatusReporter::CheckClock() {
       fmt::format("the clock of this computer was set {} by {:.1f} s; do all that stamp messages "
                   "follow the same clock?",
                   jump->count() > 0 ? "forward" : "back", std::abs(jump->count())));
+}
+
+void StatusReporter::CheckMemory() {
+  const size_t enough = budget_.Share(*parts_.newest.Layers());
+  const bool is_short = enough > budget_.max_bytes();
+  if (is_short && !was_short_) {
+    parts_.notices.ReportProblem(
+        Problem::kShortMemory, "",
+        fmt::format("max_memory_mb is {}; the list of tiles and the scans take {} MB, so that "
+                    "hardly any tile is in memory, and {} MB more are taken. Set it to {} at least",
+                    budget_.max_bytes() >> 20, (enough - budget_.max_bytes() / 8) >> 20,
+                    (enough - budget_.max_bytes()) >> 20, 2 * (enough >> 20)));
+  }
+  was_short_ = is_short;
 }
 
 void StatusReporter::CheckSilence() {

@@ -21,6 +21,7 @@
 #include "services/splinemapd/replication_thread.h"
 #include "services/splinemapd/request_server.h"
 #include "services/splinemapd/silence_watch.h"
+#include "services/splinemapd/tile_budget.h"
 
 namespace splinemap {
 
@@ -38,7 +39,7 @@ class StatusReporter {
     RequestServer& requests;
     MapSaver& saver;
   };
-  StatusReporter(const config::Config& config, const Parts& parts);
+  StatusReporter(const config::Config& config, const Parts& parts, TileBudget budget);
 
   // Checks the daemon and its surroundings, and reports what changed since the last call.
   void CheckHealth();
@@ -48,6 +49,7 @@ class StatusReporter {
 
  private:
   void CheckClock();
+  void CheckMemory();
   void CheckSilence();
   void CheckLosses();
   void CheckRequests();
@@ -63,6 +65,8 @@ class StatusReporter {
 
   const config::Config config_;
   const Parts parts_;
+  TileBudget budget_;
+  bool was_short_ = false;
   const Clock::time_point started_ = Clock::now();
   HostClockWatch host_clock_;
   std::map<std::string, SilenceWatch> silences_;  // by channel

@@ -189,8 +189,8 @@ class DamagedPagesTest : public MapFileTest {
     Write(alone);
     Rows rows;
     EXPECT_TRUE(ForEachRowOfPages(path_, [&](int64_t, absl::Span<const PageColumn> c) {
-                  if (c.size() != 6) return;
-                  rows[{c[0].integer, c[1].integer, c[2].integer}] = c[3].integer;
+                  if (c.size() != 7) return;
+                  rows[{c[1].integer, c[2].integer, c[3].integer}] = c[4].integer;
                 }).ok());
     return rows;
   }

@@ -35,8 +35,8 @@ class MapFile {
   // Opens for writing, which one process at a time can; makes the file where there is none. Errors
   // say what is in the way: another process (FailedPrecondition), no
   // permission, no SQLite database, a database of something else, a newer schema.
-  // What `memory` bounds of its tiles is not in memory, but for those that were used last; null:
-  // all are.
+  // `memory` bounds how many tiles are in memory: those that were used last; of a large map none is
+  // read before it is used, and what is damaged shows then. Null: all are.
   static absl::StatusOr<MapFile> Open(const std::string& path,
                                       std::shared_ptr<TileMemory> memory = nullptr);
   // Opens for reading a file that exists; another process may be writing to it.
@@ -92,11 +92,13 @@ class MapFile {
   // Writes in one transaction what `set` has other than the last save.
   Written Write(const LayerSet& set);
   void Adopt(Written written);
+  void MoveLogIntoFile();
   absl::StatusOr<std::string> KeepDamaged() const;
   absl::StatusOr<std::vector<std::string>> Renew(const LayerSet& set);
 
   std::string path_;
-  std::unique_ptr<Lock> lock_;                  // of a writer; outlives database_
+  std::unique_ptr<Lock> lock_;      // of a writer; outlives database_
+  std::unique_ptr<int> log_pages_;  // of a writer: in the -wal, after the last transaction
   std::unique_ptr<SQLite::Database> database_;  // null where it is closed or damaged
   absl::Status damage_;                         // why the pages have to be read
   std::shared_ptr<TileMemory> memory_;
