@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "absl/cleanup/cleanup.h"
+#include "lib/base/clock.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/layers/validity.h"
@@ -173,6 +174,11 @@ absl::Status MapFile::Close() {
     if (!database_) return FailedPrecondition("{} is closed", path_);
     const std::unique_ptr<SQLite::Database> database = std::move(database_);
     if (lock_ == nullptr) return absl::OkStatus();  // a reader
+    // What cannot be deleted now is swept by those who open the file next.
+    try {
+      if (rows_ && is_known_) DeleteForgottenRows(*rows_, *database);
+    } catch (const SQLite::Exception&) {
+    }
     if (rows_) rows_->Leave();
     if (rows_) rows_->Disconnect(path_);
     database->exec("PRAGMA wal_checkpoint(TRUNCATE)");
@@ -328,11 +334,14 @@ void MapFile::Adopt(Written written) {
   is_known_ = true;
 }
 
-// Not with each save: the same pages change with many of them. Waits for nobody: what readers hold
-// up comes with the next.
+// So that a copy of the one file has nearly all. Not with each save: the same pages change with
+// many of them. Waits for nobody: what readers hold up comes with the next.
 void MapFile::MoveLogIntoFile() {
-  constexpr int kMaxLogPages = 256;
-  if (*log_pages_ < kMaxLogPages) return;
+  constexpr int kMaxLogPages = 1024;
+  constexpr std::chrono::seconds kInterval(10);
+  const Clock::time_point now = Clock::now();
+  if (last_move_ && now - *last_move_ < kInterval && *log_pages_ < kMaxLogPages) return;
+  last_move_ = now;
   sqlite3* const handle = database_->getHandle();
   sqlite3_wal_checkpoint_v2(handle, nullptr, SQLITE_CHECKPOINT_PASSIVE, nullptr, nullptr);
   if (IsFailedSync(sqlite3_extended_errcode(handle))) throw SQLite::Exception(handle);

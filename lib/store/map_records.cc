@@ -515,6 +515,19 @@ void FollowChanges(const LayerSnapshot& layer, ControlLimits limits, SavedLayer&
   saved.id = layer.id;
 }
 
+constexpr size_t kMaxRowsAtOnce = 4096;  // so that a save stays short
+
+int64_t DeleteRows(absl::Span<const int64_t> numbers, SQLite::Database& database) {
+  SQLite::Statement remove(database, "DELETE FROM tile WHERE number = ?");
+  int64_t deleted = 0;
+  for (const int64_t number : numbers) {
+    remove.bind(1, number);
+    deleted += remove.exec();
+    remove.reset();
+  }
+  return deleted;
+}
+
 void PutRecord(SQLite::Statement& put, int index, const std::string& bytes) {
   put.bind(index, bytes.data(), static_cast<int>(bytes.size()));
   put.exec();
@@ -614,8 +627,8 @@ class SquareReader {
     // A small map is read at once, and so is what is damaged of it.
     constexpr size_t kMaxAtOnce = 16'384;
     TileMemory* const memory = rows_ == nullptr ? nullptr : rows_->memory();
-    reads_later_ = memory != nullptr &&
-                   reader_.NumTiles() > std::min(kMaxAtOnce, memory->max_tiles());
+    reads_later_ =
+        memory != nullptr && reader_.NumTiles() > std::min(kMaxAtOnce, memory->max_tiles());
   }
 
   void Read(SQLite::Database& database) {
@@ -845,18 +858,25 @@ void MapRowWriter::Write(const LayerSet& map, const std::vector<SavedLayer>& sav
   WriteRecords(map, std::move(records), problems);
 }
 
-// So many that a save stays short.
 void MapRowWriter::DeleteUnusedRows() {
-  constexpr size_t kMaxRows = 4096;
-  forgotten_ = rows_->TakeForgotten(kMaxRows);
-  std::vector<int64_t> unused = rows_->Sweep(database_);
-  unused.insert(unused.end(), forgotten_.begin(), forgotten_.end());
-  SQLite::Statement remove(database_, "DELETE FROM tile WHERE number = ?");
-  for (const int64_t number : unused) {
-    remove.bind(1, number);
-    deleted_rows_ += remove.exec();
-    remove.reset();
-  }
+  forgotten_ = rows_->TakeForgotten(kMaxRowsAtOnce);
+  deleted_rows_ +=
+      DeleteRows(forgotten_, database_) + DeleteRows(rows_->Sweep(database_), database_);
+}
+
+void DeleteForgottenRows(TileRows& rows, SQLite::Database& database) {
+  SQLite::Transaction transaction(database, SQLite::TransactionBehavior::IMMEDIATE);
+  const int64_t deleted = DeleteRows(rows.TakeForgotten(kMaxRowsAtOnce), database);
+  SQLite::Statement map_row(database, "SELECT record FROM map");
+  auto record = map_row.executeStep() ? RecordOf<store::MapRecord>(map_row.getColumn(0).getString())
+                                      : std::nullopt;
+  map_row.reset();
+  if (deleted == 0 || !record) return;
+  record->set_tile_rows(static_cast<uint64_t>(rows.num_rows() - deleted));
+  SQLite::Statement put(database, "UPDATE map SET record = ?");
+  PutRecord(put, 1, BytesOf(*record));
+  transaction.commit();
+  rows.CountRows(-deleted);
 }
 
 void MapRowWriter::WriteRecords(const LayerSet& map, std::vector<store::LayerRecord> records,

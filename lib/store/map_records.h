@@ -77,6 +77,9 @@ bool HasCurrentSchema(SQLite::Database& database);
 // Empty tables of today in place of those that are there. Requires a transaction.
 void RemakeTables(SQLite::Database& database);
 
+// Deletes some thousand rows of tiles that nobody has any more, in a transaction of its own.
+void DeleteForgottenRows(TileRows& rows, SQLite::Database& database);
+
 // Writes a map in one transaction, which is the caller's.
 class MapRowWriter {
  public:

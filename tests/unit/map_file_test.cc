@@ -325,7 +325,7 @@ TEST_F(MapFileTest, AFileThatWasDeletedOrReplacedIsSavedElsewhereAndLeavesTheOth
   }
 }
 
-TEST_F(MapFileTest, ACopyOfTheFileInUseHasTheLastSave) {
+TEST_F(MapFileTest, ACopyOfTheFileInUseHasASaveOfTheLastSeconds) {
   Commit(map_.AddLayer({"robot", 1}, {1, 1}), 5);
   auto file = MapFile::Open(path_);
   ASSERT_TRUE(file->Save(map_.Layers()).ok());

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <chrono>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -97,7 +99,8 @@ class MapFile {
   absl::StatusOr<std::vector<std::string>> Renew(const LayerSet& set);
 
   std::string path_;
-  std::unique_ptr<Lock> lock_;      // of a writer; outlives database_
+  std::unique_ptr<Lock> lock_;  // of a writer; outlives database_
+  std::optional<std::chrono::steady_clock::time_point> last_move_;  // of the log into the file
   std::unique_ptr<int> log_pages_;  // of a writer: in the -wal, after the last transaction
   std::unique_ptr<SQLite::Database> database_;  // null where it is closed or damaged
   absl::Status damage_;                         // why the pages have to be read
