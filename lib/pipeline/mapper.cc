@@ -199,8 +199,9 @@ void Mapper::MapReadyScans() {
 void Mapper::MapScan(PosedScan scan) {
   ScanChannel& channel = scan_channels_[scan.channel];
   const std::string& name = channel.config.channel();
-  if (layer_.tiles().size() >= max_tiles_) {
-    Drop(DropReason::kMapFull, name, DropExplanation(DropReason::kMapFull));
+  if (!why_refused_.empty() || layer_.tiles().size() >= max_tiles_) {
+    Drop(DropReason::kMapFull, name,
+         why_refused_.empty() ? DropExplanation(DropReason::kMapFull) : why_refused_);
     return;
   }
   Place(scan, archive_.map_T_world, placed_);
@@ -228,6 +229,13 @@ void Mapper::MapScan(PosedScan scan) {
 void Mapper::Keep(PackedScan scan) {
   if (on_scan_) on_scan_(layer_.revision() + 1, scan);
   archive_.Add(std::move(scan), beam_model_);
+  Shorten(archive_, max_archive_bytes_, map_options_);
+}
+
+// One byte: that scans are kept at all is told to followers, and stays.
+void Mapper::LimitArchive(size_t max_bytes) {
+  if (max_archive_bytes_ == 0) return;
+  max_archive_bytes_ = std::max<size_t>(1, std::min(max_archive_bytes_, max_bytes));
   Shorten(archive_, max_archive_bytes_, map_options_);
 }
 

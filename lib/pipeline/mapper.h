@@ -69,6 +69,11 @@ class Mapper {
   // The end of input: maps what still can be placed.
   void Flush();
 
+  // Keeps that many bytes of scans at most from now on; the oldest go into the base.
+  void LimitArchive(size_t max_bytes);
+  // Why no scan is mapped any more; empty: they are.
+  void Refuse(std::string why) { why_refused_ = std::move(why); }
+
   MapperCounts counts() const;
   size_t scans_queued() const { return queue_.size(); }
   Utime newest_scan_utime() const { return newest_scan_utime_; }
@@ -125,7 +130,8 @@ class Mapper {
   bool is_continued_;  // earlier_tiles_ were there before the first scan
   int scans_since_earlier_ = 0;
   size_t max_tiles_;
-  const size_t max_archive_bytes_;
+  size_t max_archive_bytes_;
+  std::string why_refused_;
   OnScan on_scan_;
   ScanArchive archive_;
   BeamModelOptions beam_model_;

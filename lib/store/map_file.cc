@@ -71,6 +71,14 @@ std::unique_ptr<SQLite::Database> Connect(const std::string& path, int flags) {
   return database;
 }
 
+int64_t UsedBytes(SQLite::Database& database) {
+  return database
+      .execAndGet(
+          "SELECT (page_count - freelist_count) * page_size FROM pragma_page_count, "
+          "pragma_freelist_count, pragma_page_size")
+      .getInt64();
+}
+
 size_t CountTiles(const LayerSet& map) {
   size_t tiles = 0;
   for (const LayerSnapshot& layer : map.layers) tiles += layer.tiles.size();
@@ -361,6 +369,7 @@ absl::StatusOr<std::vector<std::string>> MapFile::Save(const LayerSet& set) {
       Written written = Write(set);
       Problems problems = std::move(written.problems);
       Adopt(std::move(written));
+      used_bytes_ = UsedBytes(*database_);
       MoveLogIntoFile();
       for (std::string& problem : rows_->TakeProblems()) problems.push_back(std::move(problem));
       return problems;

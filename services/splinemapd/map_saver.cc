@@ -75,6 +75,24 @@ absl::Status MapSaver::SaveNewest() {
 }
 
 absl::Status MapSaver::SaveSet(const LayerSet& set) {
+  absl::Status saved = SaveHereOrElsewhere(set);
+  size_t unsaved = 0;
+  if (saved.ok()) {
+    used_bytes_ = file_.used_bytes();
+    on_disk_ = set;
+  } else {
+    for (const LayerSnapshot& layer : set.layers) {
+      const LayerSnapshot* before = on_disk_.Find(layer.id);
+      TileTree::ForEachDifference(
+          before == nullptr ? TileTree() : before->tiles, layer.tiles,
+          [&](TileKey, const TileTree::Entry*, const TileTree::Entry*) { ++unsaved; });
+    }
+  }
+  unsaved_tiles_ = unsaved;
+  return saved;
+}
+
+absl::Status MapSaver::SaveHereOrElsewhere(const LayerSet& set) {
   const absl::StatusOr<std::vector<std::string>> problems = file_.Save(set);
   if (!problems.ok() && !file_.IsThere()) return SaveElsewhere(set, problems.status());
   SPLINEMAP_RETURN_IF_ERROR(problems.status());

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <functional>
 #include <memory>
@@ -36,6 +37,9 @@ class MapSaver {
 
   // Commits of the own layer that are on disk; nothing where the file is gone.
   std::optional<uint64_t> saved_revision() const;
+  // What the file has; and tiles that could not be saved the last time, which stay in memory.
+  int64_t used_bytes() const { return used_bytes_; }
+  size_t unsaved_tiles() const { return unsaved_tiles_; }
 
   // Ends the thread, saves, closes the file. Unavailable where the map, or a part of it, could only
   // be saved elsewhere or not at all.
@@ -46,6 +50,7 @@ class MapSaver {
   void Report(const absl::Status& saved);
   absl::Status SaveNewest();
   absl::Status SaveSet(const LayerSet& set);
+  absl::Status SaveHereOrElsewhere(const LayerSet& set);
   absl::Status SaveElsewhere(const LayerSet& set, const absl::Status& why);
 
   const std::string path_;  // that was asked for
@@ -56,6 +61,9 @@ class MapSaver {
   MapFile file_;
   std::weak_ptr<const LayerSet> saved_;
   bool is_failing_ = false;
+  LayerSet on_disk_;  // the tiles of the last save
+  std::atomic<int64_t> used_bytes_{0};
+  std::atomic<size_t> unsaved_tiles_{0};
   mutable Mutex mutex_;
   std::optional<uint64_t> saved_revision_ ABSL_GUARDED_BY(mutex_);
   std::jthread saving_;

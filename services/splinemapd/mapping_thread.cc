@@ -149,6 +149,17 @@ absl::StatusOr<std::string> MappingThread::TakeOverNow(FoldedLayer& layer) {
   return text;
 }
 
+void MappingThread::LimitArchive(size_t max_bytes) {
+  mailbox_.Post([this, max_bytes] {
+    mapper_.LimitArchive(max_bytes);
+    PublishState();
+  });
+}
+
+void MappingThread::Refuse(std::string why) {
+  mailbox_.Post([this, why = std::move(why)] { mapper_.Refuse(why); });
+}
+
 MappingThread::State MappingThread::DrainState() {
   MutexLock lock(mutex_);
   State state = state_;

@@ -58,6 +58,11 @@ class MappingThread {
   using TookOver = std::function<void(absl::StatusOr<std::string>)>;
   void TakeOver(std::unique_ptr<FoldedLayer> layer, TookOver done);
 
+  // Keeps so many bytes of scans at most from now on.
+  void LimitArchive(size_t max_bytes);
+  // Why no scan is mapped any more; empty: they are.
+  void Refuse(std::string why);
+
   // What has been mapped, for status messages.
   struct State {
     MapperCounts counts;

@@ -44,6 +44,7 @@ int64_t StatusReporter::Growth(const std::string& count, int64_t value) {
 void StatusReporter::CheckHealth() {
   CheckClock();
   CheckMemory();
+  CheckDisk();
   CheckSilence();
   CheckLosses();
   CheckRequests();
@@ -91,6 +92,33 @@ void StatusReporter::CheckMemory() {
                     (enough - budget_.max_bytes()) >> 20, 2 * (enough >> 20)));
   }
   was_short_ = is_short;
+}
+
+// The oldest scans go first; then nothing is added any more, until there is room.
+void StatusReporter::CheckDisk() {
+  const int64_t max_bytes = int64_t{config_.service().max_file_mb()} << 20;
+  const int64_t excess = max_bytes == 0 ? 0 : parts_.saver.used_bytes() - max_bytes;
+  const LayerSnapshot own = parts_.newest.Own();
+  const int64_t scans = own.archive == nullptr ? 0 : static_cast<int64_t>(own.archive->bytes());
+  constexpr int64_t kFewScans = 1 << 16;
+  std::string why;
+  const std::optional<uint64_t> saved = parts_.saver.saved_revision();
+  if (excess > 0 && scans > kFewScans &&
+      saved != limited_at_) {  // the save after shows what it did
+    limited_at_ = saved;
+    parts_.mapping.LimitArchive(static_cast<size_t>(std::max(scans - excess, kFewScans)));
+  } else if (excess > 0 && scans <= kFewScans) {
+    why = fmt::format("the map file has reached max_file_mb, {} MB", max_bytes >> 20);
+  }
+  if (parts_.saver.unsaved_tiles() * TileMemory::kBytesPerTile > budget_.max_bytes() / 2) {
+    why = "the map cannot be saved, and what is not saved fills half of max_memory_mb";
+  }
+  if (why == why_refused_) return;
+  why_refused_ = why;
+  parts_.mapping.Refuse(why);
+  if (why.empty()) return;
+  parts_.notices.ReportProblem(Problem::kNotSaved, "full",
+                               why + "; no scan is mapped until there is room");
 }
 
 void StatusReporter::CheckSilence() {

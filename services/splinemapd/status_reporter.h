@@ -50,6 +50,7 @@ class StatusReporter {
  private:
   void CheckClock();
   void CheckMemory();
+  void CheckDisk();
   void CheckSilence();
   void CheckLosses();
   void CheckRequests();
@@ -67,6 +68,8 @@ class StatusReporter {
   const Parts parts_;
   TileBudget budget_;
   bool was_short_ = false;
+  std::string why_refused_;
+  std::optional<uint64_t> limited_at_;
   const Clock::time_point started_ = Clock::now();
   HostClockWatch host_clock_;
   std::map<std::string, SilenceWatch> silences_;  // by channel

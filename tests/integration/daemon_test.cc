@@ -52,7 +52,11 @@ class DaemonTest : public testing::Test {
   // A robot that drives a circle in a round room of 3 m.
   // Its localisation drifts along x by `drift_m` a scan.
   void Drive(int scans, int64_t first_ms = 0, double drift_m = 0) {
-    for (int n = 0; n < scans; ++n) {
+    DriveFrom(0, scans, first_ms, drift_m);
+  }
+  // The part of it from scan `first` on.
+  void DriveFrom(int first, int scans, int64_t first_ms = 0, double drift_m = 0) {
+    for (int n = first; n < first + scans; ++n) {
       const Utime utime = milliseconds(first_ms + 100 * n);
       const double angle = 0.1 * n;
       const Pose2 pose{{std::cos(angle), std::sin(angle)}, angle};
@@ -536,6 +540,26 @@ TEST_F(DaemonTest, ErrorsAtTheStartAreReturned) {
   EXPECT_FALSE(Daemon::Start(config_, *LcmBus::Open("memq://")).ok());
   config_.clear_pose();
   EXPECT_FALSE(Daemon::Start(config_, *LcmBus::Open("memq://")).ok());
+}
+
+// Its scans take more than the file may have, and its tiles do not.
+TEST_F(DaemonTest, BeyondTheBudgetOfTheDiskTheOldestScansGoAndTheMapStaysTheSame) {
+  constexpr int kScans = 6000;
+  const TileTree right = TilesAfter([&] { Drive(kScans); });
+  config_.mutable_service()->set_max_file_mb(1);
+  Start();
+  for (int n = 0; n < kScans; n += 500) {
+    DriveFrom(n, 500);
+    AwaitStatus([&](const status_t& status) { return status.scans_mapped == n + 500; });
+    daemon_->PublishStatus();
+  }
+  AwaitStatus([&](const status_t&) {
+    const LayerSnapshot layer = SavedMap()->layers[0];
+    return layer.archive->base.scans > 0 && layer.archive->bytes() < (1 << 20);
+  });
+  ExpectTiles(right);
+  const ScanArchive& archive = *SavedMap()->layers[0].archive;
+  EXPECT_EQ(archive.base.scans + archive.num_scans(), kScans);
 }
 
 }  // namespace splinemap::daemon_test

@@ -317,6 +317,21 @@ TEST_F(MapperTest, AFullMapDropsScansAndKeepsWhatItHas) {
   EXPECT_EQ(counts.drops[DropReason::kMapFull] + counts.scans_mapped, 1000);
 }
 
+TEST_F(MapperTest, WhoRefusesScansSaysWhy) {
+  Configure("LASER:bot_core");
+  for (int n = 0; n < 30; ++n) {
+    if (n == 10) mapper_->Refuse("the disk is small");
+    if (n == 20) mapper_->Refuse("");
+    Pose(1000 * n);
+    ScanLeft(1000 * n);
+  }
+  EXPECT_EQ(mapper_->counts().drops[DropReason::kMapFull], 10);
+  const std::vector<Notice> notices = mapper_->DrainNotices();
+  EXPECT_TRUE(std::any_of(notices.begin(), notices.end(), [](const Notice& notice) {
+    return notice.text.find("the disk is small") != std::string::npos;
+  }));
+}
+
 TEST_F(MapperTest, ATimeJumpNamesItsChannel) {
   Configure("LASER:bot_core");
   Pose(100'000);

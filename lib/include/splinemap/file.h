@@ -79,6 +79,8 @@ class MapFile {
   // False where the file was deleted or replaced, or its folder is gone.
   bool IsThere() const;
   const std::string& path() const { return path_; }
+  // Of pages that are in use, as of the last save; 0 before.
+  int64_t used_bytes() const { return used_bytes_; }
 
   // Brings everything into the one file; every later call fails. The destructor does the same and
   // keeps silent. While another process reads, the files beside may stay, with nothing in them.
@@ -106,7 +108,8 @@ class MapFile {
   absl::Status damage_;                         // why the pages have to be read
   std::shared_ptr<TileMemory> memory_;
   std::shared_ptr<TileRows> rows_;  // of a writer, once the limits of tiles are known
-  bool is_known_ = false;           // the tables hold saved_, and nothing else
+  int64_t used_bytes_ = 0;
+  bool is_known_ = false;  // the tables hold saved_, and nothing else
   std::vector<SavedLayer> saved_;
 };
 
