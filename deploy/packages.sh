@@ -1,12 +1,12 @@
 # shellcheck shell=bash disable=SC2034  # the lists are for those who source this
-# Debian packages that splinemap needs. Sourced by demo.sh and tests/run.sh.
+# Debian packages that splinemap needs. Sourced by demo.sh, package.sh and tests/run.sh.
 
 BUILD_PACKAGES=(
   g++ cmake ninja-build ccache pkg-config
   liblcm-dev liblcm-bin libglib2.0-dev libeigen3-dev libprotobuf-dev protobuf-compiler libzstd-dev
   libabsl-dev libfmt-dev libspdlog-dev libcli11-dev libsqlite3-dev libsqlitecpp-dev libxxhash-dev
   libpng-dev libtiff-dev zlib1g-dev nlohmann-json3-dev libyaml-cpp-dev
-  esbuild libboost-dev libssl-dev prometheus-cpp-dev
+  esbuild libboost-dev libssl-dev prometheus-cpp-dev libsystemd-dev
 )
 DEMO_PACKAGES=(jq iproute2)
 TEST_PACKAGES=(
@@ -16,6 +16,8 @@ TEST_PACKAGES=(
 )
 # Node.js of others than Debian brings npm along, and conflicts with the package.
 command -v npm > /dev/null || TEST_PACKAGES+=(npm)
+PACKAGE_PACKAGES=(debhelper fakeroot help2man lintian default-jdk-headless liblcm-java)
+CLEAN_PACKAGES=(debootstrap util-linux procps iproute2)
 FUZZ_PACKAGES=(clang libclang-rt-14-dev)
 BENCH_PACKAGES=(
   libbenchmark-dev libmrpt-maps-dev liboctomap-dev libdynamicedt3d-dev libopencv-imgproc-dev libopencv-stitching-dev

@@ -2,11 +2,12 @@
 #include <cstdio>
 #include <memory>
 
+#include "absl/cleanup/cleanup.h"
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
 #include "clients/splinemap/print.h"
+#include "lib/base/file.h"
 #include "lib/base/status.h"
-#include "lib/map/summed_layers.h"
 #include "splinemap/file.h"
 
 namespace splinemap {
@@ -15,18 +16,25 @@ namespace {
 struct BackupFlags {
   std::string map;
   Output output;
-  bool accepts_corrupt = false;
 };
+
+absl::Status IsDamaged(const std::string& map) {
+  return DataLoss("{} is damaged; nothing is written. splinemap repair writes what can be read",
+                  map);
+}
 
 absl::StatusOr<int> Backup(const BackupFlags& flags) {
   SPLINEMAP_RETURN_IF_ERROR(CheckMapOutput(flags.output, {flags.map}));
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadInput(flags.map, flags.accepts_corrupt));
-  SPLINEMAP_RETURN_IF_ERROR(SaveAs(loaded.set, flags.output.path));
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap written, ReadMapFile(flags.output.path));
-  PrintLine(stderr, "{} layers, {} tiles in {}", written.set.layers.size(),
-            ViewOf(written.set)->tiles.size(), flags.output.path);
-  const int status = ReportCorruption(written);
-  return loaded.corruption.empty() ? status : kFailed;
+  const std::string part = TemporaryPathFor(flags.output.path);
+  const absl::Cleanup remove_part = [&] { MapFile::Remove(part); };
+  const absl::Status copied = MapFile::Copy(flags.map, part);
+  if (absl::IsDataLoss(copied)) return IsDamaged(flags.map);
+  SPLINEMAP_RETURN_IF_ERROR(copied);
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap copy, ReadMapFile(part));
+  if (!copy.corruption.empty()) return IsDamaged(flags.map);
+  SPLINEMAP_RETURN_IF_ERROR(MapFile::Rename(part, flags.output.path));
+  PrintLine(stderr, "{} layers in {}", copy.set.layers.size(), flags.output.path);
+  return kSuccess;
 }
 
 constexpr const char* kBackupExamples = R"(
@@ -44,7 +52,6 @@ void AddBackup(CLI::App& app, Command& chosen) {
   command->footer(kBackupExamples);
   command->add_option("MAP", flags->map, "Map file")->required();
   AddOutput(*command, "OUT", "Map file to write", flags->output);
-  AddCorruptFlag(*command, flags->accepts_corrupt);
   command->callback([flags, &chosen] { chosen = [flags] { return Backup(*flags); }; });
 }
 

@@ -47,6 +47,7 @@ void AddQuery(CLI::App& app, Command& chosen);
 void AddRaster(CLI::App& app, Command& chosen);
 void AddRay(CLI::App& app, Command& chosen);
 void AddRender(CLI::App& app, Command& chosen);
+void AddRepair(CLI::App& app, Command& chosen);
 void AddSave(CLI::App& app, Command& chosen);
 void AddSimulate(CLI::App& app, Command& chosen);
 void AddSnapshot(CLI::App& app, Command& chosen);

@@ -98,6 +98,7 @@ int Main(int argc, char** argv) {
   AddTrajectory(app, chosen);
   AddVerify(app, chosen);
   AddBackup(app, chosen);
+  AddRepair(app, chosen);
   AddCrop(app, chosen);
   AddDoctor(app, chosen);
   AddWatch(app, chosen);

@@ -1,3 +1,4 @@
+#include <SQLiteCpp/Backup.h>
 #include <SQLiteCpp/SQLiteCpp.h>
 #include <fcntl.h>
 #include <sqlite3.h>
@@ -251,6 +252,20 @@ void MapFile::Remove(const std::string& path) {
   for (const char* beside : {"", "-wal", "-shm", "-journal"}) {
     std::filesystem::remove(path + beside, error);
   }
+}
+
+absl::Status MapFile::Copy(const std::string& from, const std::string& to) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const MapFile source, OpenReadOnly(from));
+  if (!source.damage_.ok()) return DataLoss("{} is damaged: {}", from, ErrorText(source.damage_));
+  return WithStatus(to, [&]() -> absl::Status {
+    SQLite::Database copy(to, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE);
+    // In one step, for else it begins again with every save.
+    if (SQLite::Backup(copy, *source.database_).executeStep() != SQLITE_DONE) {
+      return Unavailable("{} is in use by another process", from);
+    }
+    copy.exec("PRAGMA journal_mode = DELETE");  // one file
+    return absl::OkStatus();
+  });
 }
 
 absl::Status MapFile::Rename(const std::string& from, const std::string& to) {

@@ -322,6 +322,8 @@ class MapReader {
           record.has_archive() ? &record.archive() : nullptr, reading.layer->Snapshot().tiles);
       for (const std::string& damage : result.damage) DamageOf(reading, damage);
       archives[reading.layer->id()] = result.archive;
+      saved_counts_[reading.layer->id()] = {static_cast<int64_t>(record.tiles()),
+                                            record.archive().scans()};
       saved_archives_[reading.layer->id()] = result.saved;
       if (reading.tally == TileTally{record.tiles(), record.tiles_digest()}) continue;
       DamageOf(reading, fmt::format("the tiles are not those that were saved: {} in place of {}, "
@@ -354,7 +356,7 @@ class MapReader {
       set_.layers.push_back(layer.Snapshot());
       set_.layers.back().archive = archives.at(layer.id());
     }
-    return {std::move(set_), std::move(corruption_), {}};
+    return {std::move(set_), std::move(saved_counts_), std::move(corruption_), {}};
   }
 
  private:
@@ -438,6 +440,7 @@ class MapReader {
   absl::flat_hash_set<std::tuple<int64_t, int64_t, int64_t>> squares_;
   std::optional<ArchiveReader> archives_;
   std::map<LayerId, SavedArchive> saved_archives_;
+  std::map<LayerId, SavedCounts> saved_counts_;
   std::vector<std::string> corruption_;
 };
 

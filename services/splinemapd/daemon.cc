@@ -17,6 +17,7 @@
 #include "services/splinemapd/request_server.h"
 #include "services/splinemapd/status_reporter.h"
 #include "services/splinemapd/stored_map.h"
+#include "services/splinemapd/thread_watch.h"
 #include "services/splinemapd/tile_budget.h"
 
 namespace splinemap {
@@ -79,7 +80,14 @@ struct Daemon::Parts {
               handlers.Execute(command, std::move(done));
             }),
         reporter(config, {newest, notices, receiving, mapping, replication, requests, saver},
-                 std::move(budget)) {}
+                 std::move(budget)) {
+    threads.Add("receives", receiving.steps());
+    threads.Add("maps", mapping.steps());
+    threads.Add("folds", folding.steps());
+    threads.Add("replicates", replication.steps());
+    threads.Add("serves", requests.steps());
+    threads.Add("saves", saver.steps());
+  }
 
   NewestMap newest;
   MapSaver saver;
@@ -90,6 +98,7 @@ struct Daemon::Parts {
   CommandHandlers handlers;
   RequestServer requests;
   StatusReporter reporter;
+  ThreadWatch threads;
 };
 
 absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& asked,
@@ -180,8 +189,24 @@ Daemon::~Daemon() {
 
 void Daemon::PublishStatus() {
   parts_->reporter.CheckHealth();
-  bus_->Publish(config_.channel_prefix() + "_STATUS", parts_->reporter.MakeStatus());
-  bus_->Publish(config_.channel_prefix() + "_LAYERS", parts_->reporter.MakeLayers());
+  auto published = std::make_shared<Published>();
+  published->status = parts_->reporter.MakeStatus();
+  published->layers = parts_->reporter.MakeLayers();
+  bus_->Publish(config_.channel_prefix() + "_STATUS", published->status);
+  bus_->Publish(config_.channel_prefix() + "_LAYERS", published->layers);
+  MutexLock lock(mutex_);
+  published_ = std::move(published);
+}
+
+std::shared_ptr<const Daemon::Published> Daemon::published() const {
+  MutexLock lock(mutex_);
+  return published_;
+}
+
+std::optional<std::string> Daemon::FindHangingThread() {
+  const auto hanging = parts_->threads.FindHanging();
+  bus_->Wake();  // to receive nothing is no step; this is one until the next call
+  return hanging;
 }
 
 void Daemon::SaveNow() {

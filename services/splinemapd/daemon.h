@@ -1,9 +1,14 @@
 #pragma once
 
 #include <memory>
+#include <optional>
+#include <string>
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "lcmtypes/splinemap/layers_t.hpp"
+#include "lcmtypes/splinemap/status_t.hpp"
+#include "lib/base/mutex.h"
 #include "lib/config/config.h"
 #include "lib/wire/lcm_bus.h"
 #include "services/splinemapd/notice_log.h"
@@ -23,6 +28,15 @@ class Daemon {
 
   // Checks the daemon, and publishes a status_t and a layers_t. Call it once a second.
   void PublishStatus();
+  // What was published last; null before. Thread-safe.
+  struct Published {
+    status_t status;
+    layers_t layers;
+  };
+  std::shared_ptr<const Published> published() const;
+  // The name of a thread that did not get on since the last call, where there is one. For a
+  // watchdog: calls are some seconds apart.
+  std::optional<std::string> FindHangingThread();
   // Something that the program itself found.
   NoticeLog& notices() { return *notices_; }
 
@@ -43,6 +57,8 @@ class Daemon {
   std::unique_ptr<NoticeLog> notices_;
   std::unique_ptr<Parts> parts_;
   bool is_running_ = false;
+  mutable Mutex mutex_;
+  std::shared_ptr<const Published> published_ ABSL_GUARDED_BY(mutex_);
 };
 
 }  // namespace splinemap

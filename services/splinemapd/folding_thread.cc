@@ -174,7 +174,10 @@ absl::StatusOr<std::string> FoldingThread::TryFold(const EditOf& edit_of) {
   SPLINEMAP_ASSIGN_OR_RETURN(ArchiveEdit edit, edit_of(*own.archive));
   if (!edit.Changes(*own.archive)) return std::string();  // said again
   auto layer = std::make_unique<FoldedLayer>(session, std::move(edit), *own.archive, options_);
-  const auto is_cancelled = [this](int64_t) { return stop_.stop_requested(); };
+  const auto is_cancelled = [this](int64_t) {
+    mailbox_.steps().Add();
+    return stop_.stop_requested();
+  };
   do {
     own = newest_.Own();
     if (own.session != session) return absl::AbortedError("another session began");

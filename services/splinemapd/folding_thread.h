@@ -40,6 +40,8 @@ class FoldingThread {
   void HandleTrajectory(absl::Span<const uint8_t> message);
   void HandlePlacement(absl::Span<const uint8_t> message);
 
+  const WorkSteps& steps() { return mailbox_.steps(); }
+
   // Ends the thread, and what it does.
   void Stop();
 

@@ -58,12 +58,14 @@ std::optional<Mailbox::Item> Mailbox::PopLocked() {
 }
 
 std::optional<Mailbox::Item> Mailbox::Pop(const std::stop_token& stop, Clock::time_point deadline) {
+  const WorkSteps::Waiting waiting(steps_);
   std::unique_lock lock(mutex_);
   pushed_.wait_until(lock, stop, deadline, [this] { return !items_.empty(); });
   return PopLocked();
 }
 
 std::optional<Mailbox::Item> Mailbox::TryPop() {
+  steps_.Add();
   MutexLock lock(mutex_);
   return PopLocked();
 }

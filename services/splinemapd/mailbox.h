@@ -13,6 +13,7 @@
 #include "absl/types/span.h"
 #include "lib/base/clock.h"
 #include "lib/base/mutex.h"
+#include "services/splinemapd/work_steps.h"
 #include "splinemap/utime.h"
 
 namespace splinemap {
@@ -44,6 +45,8 @@ class Mailbox {
 
   size_t num_messages() const;
   int64_t dropped() const;
+  // Of the thread whose inbox it is; each item is one, and so is what the thread adds.
+  WorkSteps& steps() { return steps_; }
 
  private:
   static size_t Footprint(const Item& item);
@@ -57,6 +60,7 @@ class Mailbox {
   size_t num_messages_ ABSL_GUARDED_BY(mutex_) = 0;
   size_t bytes_ ABSL_GUARDED_BY(mutex_) = 0;
   int64_t dropped_ ABSL_GUARDED_BY(mutex_) = 0;
+  WorkSteps steps_;
 };
 
 }  // namespace splinemap

@@ -1,8 +1,5 @@
 #include <pthread.h>
 #include <signal.h>
-#include <spdlog/async.h>
-#include <spdlog/pattern_formatter.h>
-#include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
@@ -15,12 +12,14 @@
 #include <utility>
 
 #include "lib/base/clock.h"
-#include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 #include "lib/config/checked_text.h"
 #include "lib/config/flags.h"
 #include "lib/config/usage_error.h"
 #include "services/splinemapd/daemon.h"
+#include "services/splinemapd/log.h"
+#include "services/splinemapd/metrics.h"
+#include "services/splinemapd/service_manager.h"
 
 namespace splinemap {
 namespace {
@@ -36,6 +35,7 @@ struct Flags {
   std::vector<std::string> follow;
   bool no_remote_commands = false;
   double forget_after_min = 0;
+  uint32_t metrics_port = 0;
   bool check_config = false;
   bool print_config = false;
 };
@@ -74,6 +74,10 @@ void AddFlags(CLI::App& app, Flags& flags) {
                  "The map is that of the scans of the last minutes (default 0: of all)")
       ->type_name("MINUTES")
       ->check(CLI::Range(0.0, 1e7));
+  app.add_option("--metrics-port", flags.metrics_port,
+                 "Serve metrics to Prometheus at http://127.0.0.1:PORT/metrics (default 0: none)")
+      ->type_name("PORT")
+      ->check(CLI::Range(0, 65535).description(""));
   app.add_flag("--check-config", flags.check_config, "Check flags and configuration, and end");
   app.add_flag("--print-config", flags.print_config,
                "Print the configuration with every option explained, and end");
@@ -88,6 +92,7 @@ absl::StatusOr<config::Config> ConfigOf(const Flags& flags) {
   for (const std::string& name : flags.follow) config.mutable_service()->add_follow(name);
   if (flags.forget_after_min > 0)
     config.mutable_service()->set_forget_after_min(flags.forget_after_min);
+  if (flags.metrics_port > 0) config.mutable_service()->set_metrics_port(flags.metrics_port);
   if (flags.no_remote_commands) config.mutable_service()->set_remote_commands(false);
   return config;
 }
@@ -144,52 +149,22 @@ class Signals {
   sigset_t set_;
 };
 
-// The text of a line of the log, which may have names of a bus or a file in it.
-class PlainPayload : public spdlog::custom_flag_formatter {
- public:
-  void format(const spdlog::details::log_msg& message, const std::tm&,
-              spdlog::memory_buf_t& line) override {
-    const std::string text = PlainText({message.payload.data(), message.payload.size()});
-    line.append(text.data(), text.data() + text.size());
-  }
-  std::unique_ptr<custom_flag_formatter> clone() const override {
-    return std::make_unique<PlainPayload>();
-  }
-};
-
-// A terminal that is stopped, or a pipe that nobody reads, holds up the log's own thread only;
-// beyond the queue the oldest lines are lost.
-void StartLog() {
-  constexpr size_t kMaxLines = 8192;
-  spdlog::init_thread_pool(kMaxLines, 1);
-  spdlog::set_default_logger(std::make_shared<spdlog::async_logger>(
-      "splinemapd", std::make_shared<spdlog::sinks::stderr_color_sink_mt>(), spdlog::thread_pool(),
-      spdlog::async_overflow_policy::overrun_oldest));
-  auto formatter = std::make_unique<spdlog::pattern_formatter>();
-  formatter->add_flag<PlainPayload>('*').set_pattern("%Y-%m-%d %H:%M:%S %^%l%$ %*");
-  spdlog::set_formatter(std::move(formatter));
-}
-
-// Lines of the log that were lost since the last call.
-void ReportLostLines(NoticeLog& notices, size_t& reported) {
-  const size_t lost = spdlog::thread_pool()->overrun_counter();
-  if (lost == reported) return;
-  notices.ReportProblem(
-      Problem::kLostLogLines, "",
-      fmt::format("{} lines of this log were lost: nobody read them", lost - reported),
-      static_cast<int64_t>(lost - reported));
-  reported = lost;
-}
-
 absl::Status Run(const config::Config& config, const Signals& signals) {
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(config.lcm_url()));
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<Daemon> daemon, Daemon::Start(config, std::move(bus)));
+  std::unique_ptr<MetricsServer> metrics;
+  if (const uint32_t port = config.service().metrics_port(); port > 0) {
+    SPLINEMAP_ASSIGN_OR_RETURN(metrics, MetricsServer::Listen(port, *daemon));
+  }
+  ServiceManager manager;
   size_t lost_lines = 0;
   for (auto wish = Signals::Wish::kNothing; wish != Signals::Wish::kEnd; wish = signals.Wait()) {
     ReportLostLines(daemon->notices(), lost_lines);
     if (wish == Signals::Wish::kSave) daemon->SaveNow();
     daemon->PublishStatus();
+    manager.SayAlive(*daemon);
   }
+  manager.SayStopping();
   return daemon->Stop();
 }
 
@@ -202,12 +177,12 @@ int Main(int argc, char** argv) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    fmt::print(stderr, "{}\n", UsageErrorText(app, error));
+    PrintError(UsageErrorText(app, error));
     return kUsage;
   }
   const absl::StatusOr<config::Config> config = ConfigOf(flags);
   if (!config.ok()) {
-    fmt::print(stderr, "{}\n", PlainLines(ErrorText(config.status())));
+    PrintError(ErrorText(config.status()));
     return kUsage;
   }
   if (flags.print_config) {
@@ -215,7 +190,7 @@ int Main(int argc, char** argv) {
     return 0;
   }
   if (absl::Status status = CheckConfig(*config); !status.ok()) {
-    fmt::print(stderr, "{}\n", PlainLines(ErrorText(status)));
+    PrintError(ErrorText(status));
     return kUsage;
   }
   if (flags.check_config) {
@@ -226,7 +201,7 @@ int Main(int argc, char** argv) {
   StartLog();
   const absl::Status status = Run(*config, signals);
   if (!status.ok()) spdlog::error("{}", ErrorText(status));
-  spdlog::shutdown();  // after the last line
+  EndLog();
   return status.ok() ? 0 : kFailed;
 }
 

@@ -40,6 +40,7 @@ class MapSaver {
   // What the file has; and tiles that could not be saved the last time, which stay in memory.
   int64_t used_bytes() const { return used_bytes_; }
   size_t unsaved_tiles() const { return unsaved_tiles_; }
+  const WorkSteps& steps() { return tasks_.steps(); }
 
   // Ends the thread, saves, closes the file. Unavailable where the map, or a part of it, could only
   // be saved elsewhere or not at all.

@@ -78,6 +78,7 @@ class MappingThread {
   State DrainState();
   // Messages that came faster than they were mapped.
   int64_t dropped() const { return mailbox_.dropped(); }
+  const WorkSteps& steps() { return mailbox_.steps(); }
 
   // Maps what was received and can be placed, and ends the thread.
   void Stop();

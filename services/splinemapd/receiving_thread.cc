@@ -34,6 +34,7 @@ void ReceivingThread::Run(const std::stop_token& stop) {
   const std::stop_callback wake(stop, [this] { bus_.Wake(); });
   while (!stop.stop_requested()) {
     bus_.Handle(kLongest);
+    steps_.Add();
     ReportNews();
   }
   const auto deadline = Clock::now() + kMaxDrain;

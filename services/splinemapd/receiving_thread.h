@@ -10,6 +10,7 @@
 #include "absl/types/span.h"
 #include "lib/wire/lcm_bus.h"
 #include "services/splinemapd/notice_log.h"
+#include "services/splinemapd/work_steps.h"
 
 namespace splinemap {
 
@@ -31,6 +32,8 @@ class ReceivingThread {
   // Messages of each channel so far. The channels do not change after Start().
   const std::map<std::string, std::atomic<int64_t>>& received() const { return received_; }
 
+  const WorkSteps& steps() const { return steps_; }
+
   // Handles what has arrived by now, and ends the thread.
   void Stop();
 
@@ -41,6 +44,7 @@ class ReceivingThread {
   LcmBus& bus_;
   NoticeLog& notices_;
   std::map<std::string, std::atomic<int64_t>> received_;
+  WorkSteps steps_;
   std::jthread receiving_;
 };
 

@@ -63,6 +63,7 @@ class ReplicationThread {
     int64_t dropped = 0;           // messages that came faster than they were handled
   };
   Report DrainReport();
+  const WorkSteps& steps() { return mailbox_.steps(); }
 
   // Publishes the own layer as it is last, until followers had time to ask for what they lack, and
   // ends the thread: 0.3 s after a change where nobody lacks anything, and 5 s at most.

@@ -96,6 +96,7 @@ void RequestServer::Serve(const std::stop_token& stop) {
     std::optional<QueuedRequest> request;
     std::optional<Refusal> refusal;
     {
+      const WorkSteps::Waiting waiting(steps_);
       std::unique_lock lock(mutex_);
       handled_.wait(lock, stop, [this] { return !queue_.empty() || !refusals_.empty(); });
       if (stop.stop_requested()) return;

@@ -17,6 +17,7 @@
 #include "lib/base/mutex.h"
 #include "services/splinemapd/newest_map.h"
 #include "services/splinemapd/request_queue.h"
+#include "services/splinemapd/work_steps.h"
 #include "splinemap/local_map.h"
 
 namespace splinemap {
@@ -48,6 +49,7 @@ class RequestServer {
     int64_t refused = 0;     // beyond the queue or the size of a message
   };
   Counts counts() const;
+  const WorkSteps& steps() const { return steps_; }
 
   // Commands that are being executed get no reply.
   void Stop();
@@ -96,6 +98,7 @@ class RequestServer {
   Counts counts_ ABSL_GUARDED_BY(mutex_);
   std::vector<CommandId> executing_ ABSL_GUARDED_BY(mutex_);
   std::deque<ExecutedCommand> executed_ ABSL_GUARDED_BY(mutex_);  // the last ones
+  WorkSteps steps_;
   // Of the thread.
   LocalMap newest_map_;
   std::deque<PinnedMap> pinned_;  // the last used last

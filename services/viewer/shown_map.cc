@@ -136,7 +136,7 @@ absl::StatusOr<std::unique_ptr<ShownMap>> OpenMap(const std::string& path,
                                                   std::function<void()> on_change) {
   SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadMapFile(path));
   if (!loaded.corruption.empty()) {
-    return DataLoss("{} is damaged; `splinemap merge --accept-corrupt` saves what can be read: {}",
+    return DataLoss("{} is damaged; `splinemap repair` saves what can be read: {}",
                     path, absl::StrJoin(loaded.corruption, "; "));
   }
   return std::make_unique<MapInFile>(std::move(loaded.set), std::move(on_change));

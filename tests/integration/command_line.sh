@@ -173,6 +173,7 @@ cmp room.yaml before.yaml || fail "a failed export changed a file"
 touch old.{splinemap,lcmlog,png,csv,tif,world}
 echo "FLASER 4 1 1.5 2 81.9 0.1 0 0 0 0 0 0 host 0" > tiny.log
 for command in "build room.lcmlog old.splinemap" "backup room.splinemap old.splinemap" \
+  "repair room.splinemap old.splinemap" \
   "flatten room.splinemap old.splinemap" "merge room.splinemap --out old.splinemap" \
   "layer mute room.splinemap robot --out old.splinemap" "render room.splinemap old.png" \
   "raster room.splinemap old.csv --region 0,0,1,1" "export room.splinemap old --format geotiff" \
@@ -191,6 +192,7 @@ for command in "build room.lcmlog old.splinemap" "backup room.splinemap old.spli
 done
 rm old.*
 for command in "build room.lcmlog room.lcmlog" "backup room.splinemap room.splinemap" \
+  "repair room.splinemap room.splinemap" \
   "flatten room.splinemap ./room.splinemap" "simulate room.world room.world" \
   "simulate room.world new.lcmlog --world-out room.world" "import-carmen tiny.log tiny.log" \
   "snapshot --log room.lcmlog room.lcmlog"; do
@@ -312,7 +314,7 @@ subcommands() {
   splinemap "$@" --help | awk '/^Subcommands:/ { inside = 1; next } NF == 0 { inside = 0 } inside { print $1 }'
 }
 mapfile -t commands < <(subcommands)
-((${#commands[@]} == 33)) || fail "commands: ${commands[*]}"
+((${#commands[@]} == 34)) || fail "commands: ${commands[*]}"
 mapfile -t settings < <(subcommands layer | sed 's/^/layer /')
 ((${#settings[@]} == 6)) || fail "commands of layer: ${settings[*]}"
 live=()
@@ -350,7 +352,7 @@ done
 [[ ${live[*]} == "render export query ray check distance raster align layers correct ${settings[*]}" ]] ||
   fail "take --live: ${live[*]}"
 [[ ${json[*]} == "info query ray check distance diff align layers changes verify doctor watch" ]] || fail "print JSON: ${json[*]}"
-[[ ${force[*]} == "build render export raster align merge flatten changes fold forget correct backup crop snapshot simulate import-carmen import-ros prefix-channels ${settings[*]}" ]] ||
+[[ ${force[*]} == "build render export raster align merge flatten changes fold forget correct backup repair crop snapshot simulate import-carmen import-ros prefix-channels ${settings[*]}" ]] ||
   fail "write files: ${force[*]}"
 expect 2 splinemap control mute robot
 expect 2 splinemap remove room.splinemap robot -o x.splinemap

@@ -193,6 +193,13 @@ for file in record cut_map page first_page; do
   expect_text "$file.splinemap" err
   expect 0 splinemap info merged.splinemap
   rm merged.splinemap
+  before=$(md5sum < "$file.splinemap")
+  expect 1 splinemap repair "$file.splinemap" "${file}_repaired.splinemap"
+  grep -qE '^robot@[0-9a-f]+: (all [0-9]+|[0-9]+ of [0-9]+) tiles, (all [0-9]+|[0-9]+ of [0-9]+) scans' out ||
+    fail "repair does not say what was lost: $(cat out)"
+  expect_text "what can be read of $file.splinemap is in ${file}_repaired.splinemap" err
+  expect 0 splinemap info "${file}_repaired.splinemap"
+  [[ $(md5sum < "$file.splinemap") == "$before" ]] || fail "repair changed $file.splinemap"
   expect 0 timeout --preserve-status 2 \
     splinemapd --map "$file.splinemap" --scan LASER --pose POSE --name robot
   expect_text "the corrupt one is kept as $file.splinemap" err
@@ -200,6 +207,22 @@ for file in record cut_map page first_page; do
   expect 1 splinemap info "$file".splinemap.*.damaged
 done
 expect 0 splinemap diff first_page.splinemap office.splinemap
+expect 0 splinemap diff first_page_repaired.splinemap office.splinemap
+# A tile that is lost comes back from the scans.
+expect 1 splinemap repair tile.splinemap tile_repaired.splinemap
+tiles=$(splinemap info office.splinemap --json | jq '.layers[0].tiles')
+expect_text ": $((tiles - 1)) of $tiles tiles, all " out
+expect_text "splinemap fold makes the tiles anew of the scans" out
+expect 1 splinemap verify tile_repaired.splinemap
+expect 0 splinemap fold tile_repaired.splinemap --out tile_folded.splinemap
+expect 0 splinemap export tile_folded.splinemap tile_folded --format geotiff
+expect 0 splinemap export office.splinemap office --format geotiff
+cmp tile_folded.tif office.tif || fail "the tile that was lost is another one"
+expect 0 splinemap repair office.splinemap office_repaired.splinemap
+expect_text "all of office.splinemap is in office_repaired.splinemap" err
+expect 0 splinemap diff office_repaired.splinemap office.splinemap
+expect 1 splinemap repair options.splinemap x.splinemap
+[[ ! -e x.splinemap ]] || fail "a map of nothing was written"
 
 # --- two daemons on one map
 listen=(--scan LASER --pose POSE --name robot)
@@ -232,8 +255,18 @@ expect 2 splinemap backup live.splinemap backup_1.splinemap
 expect_text "--force replaces it" err
 expect 0 splinemap backup live.splinemap backup_1.splinemap --force
 expect 0 splinemap diff live.splinemap backup_1.splinemap
-expect 1 splinemap backup tile.splinemap backup_tile.splinemap
-expect_text "is corrupt; nothing is written" err
+for file in tile cut_map first_page; do
+  rm -f "$file.splinemap"
+  cp office.splinemap "$file.splinemap"
+done
+sqlite3 tile.splinemap "UPDATE tile SET content = x'28b52ffd' WHERE rowid = 7"
+truncate -s "$(($(stat -c %s office.splinemap) / 2))" cut_map.splinemap
+overwrite first_page.splinemap 0 4096
+for file in tile cut_map first_page; do
+  expect 1 splinemap backup "$file.splinemap" "backup_$file.splinemap"
+  expect_text "$file.splinemap is damaged; nothing is written. splinemap repair writes what can be" err
+done
+[[ -z $(find . -name 'backup_[a-z]*') ]] || fail "left behind: $(find . -name 'backup_[a-z]*')"
 
 # --- killed commands: the next one removes what they left
 mkdir killed

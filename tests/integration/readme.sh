@@ -8,7 +8,7 @@ fi
 # shellcheck source=tests/integration/support.sh
 source "$1/tests/integration/support.sh" "$1"
 
-declare -A not_run=([builds]=0 [takes-minutes]=0 [opens-a-window]=0 [viewer]=0)
+declare -A not_run=([builds]=0 [systemd]=0 [takes-minutes]=0 [opens-a-window]=0 [viewer]=0)
 cd "$top"
 mapfile -t documents < <(find . -name '*.md' -not -path './build/*' -not -path './.*' \
   -not -path '*/node_modules/*' |
@@ -79,6 +79,23 @@ while read -r name; do
   grep -qE "\(${suite:-[A-Za-z]*}, $test\)" "$work/tests.txt" || fail "tests/README.md names $name"
 done < <(grep -oE '`[A-Za-z]*\.[A-Z*][A-Za-z]*`|`[A-Za-z]*\.\*`' tests/README.md | tr -d '`')
 echo "readme: the tests of the table exist"
+
+# The runbook has an entry for each name and subject that the daemon reports.
+{
+  sed -n 's/.*return "\([a-z_]*\)";/\1/p' lib/pipeline/notice.cc
+  sed -n 's/^ *return {"\([a-z_]*\)".*/\1/p; s/^ *"\([a-z_]*\)",$/\1/p' lib/sensing/drop_counts.cc
+  cat services/splinemapd/*.cc lib/pipeline/*.cc | tr '\n' ' ' |
+    grep -oE '(subject = |notices_.Add\((true|false), )(fmt::format\()?"[a-z]+( [a-z]+)*' | sed 's/.*"//'
+} | grep -vx unknown | sort -u > "$work/reported.txt"
+while read -r name; do
+  grep -qF "**\`$name\`**" deploy/RUNBOOK.md || fail "deploy/RUNBOOK.md has no entry for $name"
+done < "$work/reported.txt"
+(($(wc -l < "$work/reported.txt") > 55)) || fail "too few names: $(cat "$work/reported.txt")"
+# And for each error that the daemon itself logs.
+while read -r text; do
+  grep -qF "**${text//{*/..}" deploy/RUNBOOK.md || fail "deploy/RUNBOOK.md has no entry for $text"
+done < <(grep -ohE 'spdlog::(error|warn)\("[^{"]+[{"]' services/splinemapd/*.cc | sed 's/.*("//')
+echo "readme: the runbook has $(wc -l < "$work/reported.txt") names"
 
 # --- The commands.
 

@@ -334,6 +334,24 @@ TEST_F(MapFileTest, ACopyOfTheFileInUseHasASaveOfTheLastSeconds) {
   ExpectEqual(ReadMapFile(copy)->set, map_.Layers());
 }
 
+TEST_F(MapFileTest, ACopyByPagesHasTheLastSaveInOneFile) {
+  Layer& layer = map_.AddLayer({"robot", 1}, {1, 1});
+  Commit(layer, 5);
+  auto file = MapFile::Open(path_);
+  ASSERT_TRUE(file->Save(map_.Layers()).ok());
+  auto reader = MapFile::OpenReadOnly(path_);  // so that later saves stay beside the file
+  ASSERT_TRUE(reader->Load().ok());
+  Commit(layer, 6);
+  ASSERT_TRUE(file->Save(map_.Layers()).ok());
+  const std::string copy = directory_.File("copy");
+  ASSERT_TRUE(MapFile::Copy(path_, copy).ok());
+  for (const char* beside : {"-wal", "-shm", "-journal"}) {
+    EXPECT_FALSE(std::filesystem::exists(copy + beside));
+  }
+  ExpectEqual(ReadMapFile(copy)->set, map_.Layers());
+  EXPECT_TRUE(absl::IsNotFound(MapFile::Copy(directory_.File("none"), copy)));
+}
+
 TEST_F(MapFileTest, ClosedWhileSomeoneReadsTheOneFileHasEverything) {
   Commit(map_.AddLayer({"robot", 1}, {1, 1}), 5);
   auto file = MapFile::Open(path_);

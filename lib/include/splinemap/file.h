@@ -1,6 +1,8 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -20,9 +22,16 @@ struct SavedLayer;
 class TileMemory;
 class TileRows;
 
+// What a layer had when it was saved.
+struct SavedCounts {
+  int64_t tiles = 0;
+  int64_t scans = 0;  // that are kept
+};
+
 // What was read of a file.
 struct LoadedMap {
   LayerSet set;
+  std::map<LayerId, SavedCounts> saved;  // of each layer of the set
   // What was damaged and left out, a line each.
   std::vector<std::string> corruption;
   std::string kept_copy;  // of the damaged file, where MapFile::Load() made one
@@ -48,6 +57,9 @@ class MapFile {
   static absl::Status CheckNotInUse(const std::string& path);
   // Removes a map and what stands beside it, if they are there.
   static void Remove(const std::string& path);
+  // Writes what stands in the file, page by page, into a new one: the last save, also while another
+  // process writes. DataLoss where SQLite cannot read it; other damage is copied, too.
+  static absl::Status Copy(const std::string& from, const std::string& to);
   // Gives the closed map `from` the name of `to`, whatever `to` was, unless it is in use.
   static absl::Status Rename(const std::string& from, const std::string& to);
 
