@@ -35,7 +35,7 @@ root=$clean/root
 cgroup=$(findmnt --noheadings --output TARGET --types cgroup2 | head -n 1)/splinemap-clean-$$
 booted=
 clean_up() {
-  if [[ -n $booted ]]; then kill "$booted" 2> /dev/null || true; wait "$booted" 2> /dev/null || true; fi
+  if [[ -n $booted ]]; then kill -KILL "$booted" 2> /dev/null || true; wait "$booted" 2> /dev/null || true; fi
   [[ ! -d $cgroup ]] || find "$cgroup" -depth -type d -exec rmdir {} + 2> /dev/null || true
 }
 trap clean_up EXIT
