@@ -92,7 +92,10 @@ void RemoveLeftBehind(const std::filesystem::path& path) {
     const std::string name = entry->path().filename().string();
     const std::string full = path.has_parent_path() ? (path.parent_path() / name).string() : name;
     if (!IsLeftBehind(path.string(), full)) continue;
-    for (const char* beside : kBeside) std::remove((full + beside).c_str());
+    // By its own name it is found, should this not get to its end.
+    for (auto beside = kBeside.rbegin(); beside != kBeside.rend(); ++beside) {
+      std::remove((full + *beside).c_str());
+    }
   }
 }
 

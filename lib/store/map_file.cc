@@ -249,7 +249,8 @@ absl::Status MapFile::CheckNotInUse(const std::string& path) {
 
 void MapFile::Remove(const std::string& path) {
   std::error_code error;
-  for (const char* beside : {"", "-wal", "-shm", "-journal"}) {
+  // The map last: who is killed here leaves what TemporaryPathFor() finds.
+  for (const char* beside : {"-wal", "-shm", "-journal", ""}) {
     std::filesystem::remove(path + beside, error);
   }
 }
