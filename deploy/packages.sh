@@ -12,7 +12,7 @@ DEMO_PACKAGES=(jq iproute2)
 TEST_PACKAGES=(
   libgtest-dev jq iproute2 nftables sqlite3 python3 libompl-dev curl
   default-jdk liblcm-java libjchart2d-java libxmlgraphics-commons-java libjide-oss-java
-  xvfb xdotool chromium nodejs openssl
+  xvfb xdotool chromium nodejs openssl strace faketime
 )
 # Node.js of others than Debian brings npm along, and conflicts with the package.
 command -v npm > /dev/null || TEST_PACKAGES+=(npm)
