@@ -6,6 +6,7 @@
 
 #include "lib/base/clock.h"
 #include "lib/base/status.h"
+#include "lib/replica/caller.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/lcm_bus.h"
 
@@ -20,8 +21,12 @@ absl::StatusOr<std::vector<layers_t>> ReceiveLayers(const BusFlags& bus, const s
                    if (!layers.ok() || (!robot.empty() && layers->name != robot)) return;
                    received[{layers->name, layers->daemon_nonce}] = *layers;
                  });
+  Caller caller(*lcm, bus.channel_prefix);
   const auto end = Clock::now() + bus.Timeout();
-  while (Clock::now() < end) lcm->Handle(std::chrono::milliseconds(20));
+  while (Clock::now() < end) {
+    caller.Tick(Clock::now());
+    lcm->Handle(std::chrono::milliseconds(20));
+  }
   std::vector<layers_t> daemons;
   for (auto& [key, layers] : received) daemons.push_back(std::move(layers));
   if (daemons.empty() && !lcm->Problem().empty()) return Unavailable("{}", lcm->Problem());

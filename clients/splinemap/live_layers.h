@@ -10,7 +10,7 @@
 namespace splinemap {
 
 // The layers that each daemon on the bus has, by name: of all daemons, or of those of `robot` where
-// that is not empty. Listens until the timeout, since each publishes once a second. NotFound where
+// that is not empty. Asks and listens until the timeout. NotFound where
 // none does.
 absl::StatusOr<std::vector<layers_t>> ReceiveLayers(const BusFlags& bus, const std::string& robot);
 

@@ -12,6 +12,7 @@
 #include "clients/splinemap/print.h"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/status.h"
+#include "lib/replica/caller.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/lcm_bus.h"
 
@@ -71,10 +72,12 @@ absl::StatusOr<int> DrawLive(const WatchFlags& flags) {
                    if (status.ok()) view.HandleStatus(*status);
                  });
   fmt::print("\x1b[2J");
+  Caller caller(*bus, flags.bus.channel_prefix);
   auto next_draw = Clock::now();
   while (true) {
     bus->Handle(kWatchTick);
     const auto now = Clock::now();
+    caller.Tick(now);
     if (now < next_draw) continue;
     next_draw = now + kDrawInterval;
     fmt::print("{}", view.Draw(now));
@@ -102,7 +105,9 @@ absl::StatusOr<int> Watch(const WatchFlags& flags) {
     }
     is_written = std::fflush(stdout) == 0;
   });
+  Caller caller(*bus, flags.bus.channel_prefix);
   for (auto received = Clock::now(); Clock::now() - received < flags.bus.Timeout();) {
+    caller.Tick(Clock::now());
     if (bus->Handle(kWatchTick) == LcmBus::Handled::kMessage) received = Clock::now();
     if (const auto news = bus->DrainNews()) PrintLine(stderr, "{}", *news);
     if (!is_written) return kFailed;  // the reader is gone

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <optional>
 
 #include "lib/replication/protocol.h"
@@ -10,6 +11,9 @@ namespace splinemap {
 // the other; what one does not need is the other's. Thread-compatible.
 class ByteBudget {
  public:
+  // What waits for the budget is tried again after that.
+  static constexpr std::chrono::milliseconds kPause{10};
+
   explicit ByteBudget(double bytes_per_s) : bytes_per_s_(bytes_per_s) {}
 
   // Once for each tick.

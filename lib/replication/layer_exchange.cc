@@ -54,6 +54,7 @@ void LayerExchange::HandleBytes(absl::Span<const uint8_t> bytes, Clock::time_poi
 
 void LayerExchange::HandleAsOwner(const ReplicationMessage& message, Clock::time_point now) {
   if (const auto* pull = std::get_if<layer_pull_t>(&message)) {
+    was_called_ |= IsCall(*pull);
     const LayerRef ref = FromMessage(pull->layer);
     guard_.HandleKnown(ref, OwnRef(), now);
     publisher_->HandlePull(*pull, now);

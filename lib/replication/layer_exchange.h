@@ -55,7 +55,9 @@ class LayerExchange {
   // Whether somebody removed the own layer, so that it has to start an empty session.
   bool IsOwnRemoved() const;
 
-  // Since the last call: an earlier session of the own layer was on the bus; layers of its name.
+  // Since it was drained last: somebody asked who is there; an earlier session of the own layer was
+  // on the bus; layers of its name.
+  bool DrainCall() { return std::exchange(was_called_, false); }
   bool DrainEarlierSession() { return std::exchange(heard_earlier_session_, false); }
   std::vector<LayerId> DrainDuplicateNames() { return std::exchange(duplicate_names_, {}); }
 
@@ -78,6 +80,7 @@ class LayerExchange {
   MapFollower follower_;
   SessionGuard guard_;
   ByteBudget budget_;
+  bool was_called_ = false;
   bool heard_earlier_session_ = false;
   std::set<LayerId> known_names_;  // layers of the own name that were reported
   std::vector<LayerId> duplicate_names_;

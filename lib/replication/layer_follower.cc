@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <utility>
 
 #include "absl/container/flat_hash_set.h"
@@ -21,10 +22,17 @@ using std::chrono::milliseconds;
 constexpr milliseconds kMaxBackOff(100);
 constexpr milliseconds kRetry(300);
 constexpr size_t kMaxWanted = 20'000;
-constexpr size_t kMaxAskedAtOnce = 256;  // tiles and nodes that are asked for and not there yet
-constexpr size_t kNodesPerPull = 100;    // so that a pull is one frame
-constexpr int kMaxAsks = 32;             // then it is no more believed to exist
-constexpr int kMaxAsksOfProxies = 6;     // what the owner had alone is gone with it
+// Of tiles, and of nodes, that are asked for and not there yet.
+constexpr size_t kMaxTilesAtOnce = 256;
+constexpr size_t kMaxNodesAtOnce = 64;
+// While so much of lower levels is wanted, no node is asked for: what is wanted stays far below
+// kMaxWanted, however large the layer is, and lasts until the next listing is there.
+constexpr size_t kEnoughWanted = 4096;
+// To ask is to go through all that is wanted.
+constexpr milliseconds kAskInterval(10);
+constexpr size_t kNodesPerPull = 100;  // so that a pull is one frame
+constexpr int kMaxAsks = 32;           // then it is no more believed to exist
+constexpr int kMaxAsksOfProxies = 6;   // what the owner had alone is gone with it
 // Who hears others ask for the same this often without an answer, asks as well.
 constexpr int kMaxPostponed = 10;
 // Who begins again in a lesser session when the owner is gone, because its file is an older copy,
@@ -730,12 +738,11 @@ LayerFollower::Pulls LayerFollower::Tick(Clock::time_point now) {
   }
   if (!caught_up_ || check_) UpdateSync(now);
   FoldWhatIsThere(now);
-  const int max_asks = OwnerIsSilent(now) ? kMaxAsksOfProxies : kMaxAsks;
-  const size_t given_up = absl::erase_if(pending_, [&](const auto& wanted) {
-    return wanted.second.times_asked >= max_asks && wanted.second.due <= now;
-  });
-  if (given_up > 0) GiveUpCheck();
-  AskForTiles(now, pulls.nodes);
+  if (now >= next_ask_) {
+    next_ask_ = now + kAskInterval;
+    AskForWanted(now, pulls.nodes);
+  }
+  TellOwner(now, pulls.nodes);
   for (layer_pull_t& pull : pulls.nodes) pull.num_nodes = static_cast<int32_t>(pull.levels.size());
   const int max_scan_asks = OwnerIsSilent(now) ? kMaxAsksOfProxies : kMaxAsksForScans;
   if (IsFolding() && intake_.times_asked() >= max_scan_asks && *intake_.next_ask() <= now) {
@@ -749,30 +756,48 @@ LayerFollower::Pulls LayerFollower::Tick(Clock::time_point now) {
   return pulls;
 }
 
-void LayerFollower::AskForTiles(Clock::time_point now, std::vector<layer_pull_t>& pulls) {
-  const auto add_pull = [&] {
-    pulls.emplace_back().layer = ToMessage(LayerRef{id_, *session_, subset_.level_of_detail});
-  };
-  size_t asked = 0;
+void LayerFollower::AddPull(std::vector<layer_pull_t>& pulls) const {
+  pulls.emplace_back().layer = ToMessage(LayerRef{id_, *session_, subset_.level_of_detail});
+}
+
+void LayerFollower::AskForWanted(Clock::time_point now, std::vector<layer_pull_t>& pulls) {
+  const int max_asks = OwnerIsSilent(now) ? kMaxAsksOfProxies : kMaxAsks;
+  const size_t given_up = absl::erase_if(pending_, [&](const auto& wanted) {
+    return wanted.second.times_asked >= max_asks && wanted.second.due <= now;
+  });
+  if (given_up > 0) GiveUpCheck();
+  std::array<size_t, HashTree::kMaxLevel + 1> wanted_of_level{};
+  size_t tiles = 0;
+  size_t nodes = 0;
   for (const auto& [node, wanted] : pending_) {
-    asked += wanted.times_asked > 0 && wanted.due > now ? 1 : 0;
+    ++wanted_of_level[node.level];
+    if (wanted.times_asked > 0 && wanted.due > now) ++(node.level == 0 ? tiles : nodes);
+  }
+  int max_level = 0;
+  for (size_t lower = wanted_of_level[0];
+       lower < kEnoughWanted && max_level < HashTree::kMaxLevel;) {
+    lower += wanted_of_level[++max_level];
   }
   for (auto& [node, wanted] : pending_) {
-    if (asked >= kMaxAskedAtOnce) break;
-    if (wanted.due > now) continue;
-    if (pulls.empty() || pulls.back().levels.size() >= kNodesPerPull) add_pull();
+    if (wanted.due > now || node.level > max_level) continue;
+    if (node.level == 0 ? tiles >= kMaxTilesAtOnce : nodes >= kMaxNodesAtOnce) continue;
+    if (pulls.empty() || pulls.back().levels.size() >= kNodesPerPull) AddPull(pulls);
     pulls.back().levels.push_back(node.level);
     pulls.back().xs.push_back(node.x);
     pulls.back().ys.push_back(node.y);
     ++(node.level == 0 ? counts_.asked_tiles : counts_.asked_nodes);
-    ++asked;
+    ++(node.level == 0 ? tiles : nodes);
     // Not less and less often: where a third gets lost, half of the asks have no answer.
     wanted.due = now + kRetry + random_.UpTo(kRetry);
     ++wanted.times_asked;
   }
+}
+
+// That its session is lesser than the one here, or that pushes are still wanted.
+void LayerFollower::TellOwner(Clock::time_point now, std::vector<layer_pull_t>& pulls) {
   if (next_objection_ && *next_objection_ <= now) {
     next_objection_.reset();
-    if (pulls.empty()) add_pull();
+    if (pulls.empty()) AddPull(pulls);
   }
   if (!RenewsPushes()) return;
   const bool is_coarser = subset_.level_of_detail.level > 0;
@@ -780,14 +805,13 @@ void LayerFollower::AskForTiles(Clock::time_point now, std::vector<layer_pull_t>
   if (!is_due && !(is_coarser && !pulls.empty())) return;
   next_renewal_ = now + kRenewal + random_.UpTo(kRenewal);
   // Any pull of a coarser level will do; pushes are asked for by one of no nodes.
-  if (pulls.empty() || (!is_coarser && !pulls.back().levels.empty())) add_pull();
+  if (pulls.empty() || (!is_coarser && !pulls.back().levels.empty())) AddPull(pulls);
 }
 
 Clock::time_point LayerFollower::NextTick(Clock::time_point now) const {
-  constexpr milliseconds kWorking(10);
   constexpr milliseconds kIdle(500);  // what depends on silence is not urgent
   if (IsFolding() && intake_.Has(*folded_ + 1)) return now;
-  if (!pending_.empty()) return now + kWorking;
+  if (!pending_.empty()) return std::max(next_ask_, now);
   Clock::time_point next = now + kIdle;
   if (next_objection_) next = std::min(next, *next_objection_);
   if (RenewsPushes() && next_renewal_) next = std::min(next, *next_renewal_);

@@ -181,7 +181,9 @@ class LayerFollower {
   bool RenewsPushes() const {
     return subset_.level_of_detail.level > 0 || (sends_scans_ && !TakesScans());
   }
-  void AskForTiles(Clock::time_point now, std::vector<layer_pull_t>& pulls);
+  void AddPull(std::vector<layer_pull_t>& pulls) const;
+  void AskForWanted(Clock::time_point now, std::vector<layer_pull_t>& pulls);
+  void TellOwner(Clock::time_point now, std::vector<layer_pull_t>& pulls);
 
   const LayerId id_;
   const Subset subset_;
@@ -224,6 +226,7 @@ class LayerFollower {
   std::vector<TileKey> fold_edits_;  // the same
 
   absl::flat_hash_map<NodeKey, PendingPull> pending_;
+  Clock::time_point next_ask_;
   // The digest whose hashes are being compared, until nothing of it is wanted any more.
   struct Check {
     layer_digest_t digest;

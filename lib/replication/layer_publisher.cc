@@ -115,7 +115,7 @@ bool LayerPublisher::PushesTiles(Clock::time_point now) const {
 }
 
 void LayerPublisher::HandlePull(const layer_pull_t& pull, Clock::time_point now) {
-  if (AsksForDigests(pull)) {
+  if (IsCall(pull)) {
     if (last_digest_ && now - *last_digest_ >= kLeastDigestInterval) last_digest_.reset();
     return;
   }

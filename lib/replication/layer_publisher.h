@@ -49,7 +49,7 @@ class LayerPublisher {
   // Since when there are changes that are not in a coarser level yet, or scans that were not sent.
   void SetBehind(std::optional<Clock::time_point> since) { behind_since_ = since; }
 
-  // Requires a pull of this session and this level, or one that asks for digests.
+  // Requires a pull of this session and this level, or a call.
   void HandlePull(const layer_pull_t& pull, Clock::time_point now);
 
   // A follower asked for scans.

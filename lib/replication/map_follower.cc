@@ -122,7 +122,7 @@ void MapFollower::Handle(const layer_listing_t& listing, Clock::time_point now) 
 }
 
 void MapFollower::Handle(const layer_pull_t& pull, Clock::time_point now) {
-  if (AsksForDigests(pull)) {
+  if (IsCall(pull)) {
     for (auto& [id, followed] : layers_) {
       if (followed.proxy) followed.proxy->HandlePull(pull, now);
     }
@@ -383,9 +383,7 @@ std::vector<ReplicationMessage> MapFollower::Tick(Clock::time_point now, ByteBud
   if (calls_ < kCalls && now >= next_call_) {
     ++calls_;
     next_call_ = now + kCallInterval;
-    layer_pull_t call{};
-    call.speaker = static_cast<int64_t>(speaker_);
-    messages.emplace_back(call);
+    messages.emplace_back(MakeCall(speaker_));
   }
   for (auto entry = layers_.begin(); entry != layers_.end();) {
     const LayerFollower& copy = entry->second.copy;

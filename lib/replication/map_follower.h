@@ -172,7 +172,7 @@ class MapFollower {
   int64_t bytes_received_ = 0;
   int64_t malformed_ = 0;
   int64_t ignored_settings_ = 0;
-  int calls_ = 0;  // for digests, at the beginning
+  int calls_ = 0;  // at the beginning
   Clock::time_point next_call_;
 };
 

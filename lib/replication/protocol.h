@@ -42,8 +42,14 @@ inline LayerRef FromMessage(const layer_ref_t& message) {
       {message.level, static_cast<Statistic>(message.statistic)}};
 }
 
-// Whether a pull is of no layer: its sender wants to know which there are.
-inline bool AsksForDigests(const layer_pull_t& pull) { return pull.layer.name.empty(); }
+// A pull of no layer asks who is there: it is answered by the digests of all layers and by what
+// daemons say of themselves.
+inline layer_pull_t MakeCall(uint64_t speaker) {
+  layer_pull_t call{};
+  call.speaker = static_cast<int64_t>(speaker);
+  return call;
+}
+inline bool IsCall(const layer_pull_t& pull) { return pull.layer.name.empty(); }
 
 // Whether the layer's owner speaks, not a proxy.
 inline bool IsOwners(const layer_digest_t& digest) {

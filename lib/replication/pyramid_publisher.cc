@@ -48,7 +48,7 @@ void PyramidPublisher::SetLayer(const LayerSnapshot& layer, Clock::time_point no
 }
 
 void PyramidPublisher::HandlePull(const layer_pull_t& pull, Clock::time_point now) {
-  if (AsksForDigests(pull)) {
+  if (IsCall(pull)) {
     as_mapped_.HandlePull(pull, now);
     return;
   }
@@ -134,8 +134,9 @@ bool PyramidPublisher::HasTilePulls() const {
 
 Clock::time_point PyramidPublisher::NextTick(Clock::time_point now) const {
   const bool is_making_levels = !asked_.empty() && levels_.IsAtWork(layer_);
-  if (is_making_levels || HasTilePulls()) return now;
+  if (is_making_levels) return now;
   Clock::time_point next = std::min(as_mapped_.NextTick(), scans_.NextTick());
+  if (HasTilePulls()) next = std::min(next, now + ByteBudget::kPause);
   for (const auto& [level_of_detail, asked] : asked_) {
     next = std::min(next, asked.publisher ? asked.publisher->NextTick() : now);
   }

@@ -16,8 +16,7 @@ constexpr std::chrono::milliseconds kMaxScanWait(1000);
 // nothing.
 constexpr int kMaxMessagesAtOnce = 12;
 constexpr std::chrono::milliseconds kPause(2);
-constexpr std::chrono::milliseconds kBudgetPause(10);  // where the budget was spent
-constexpr uint64_t kMaxPulledScans = 256;              // of one range
+constexpr uint64_t kMaxPulledScans = 256;  // of one range
 
 }  // namespace
 
@@ -122,8 +121,8 @@ void ScanPublisher::Tick(Clock::time_point now, ByteBudget& budget,
   Push(batch, budget);
   GiveUpWhatIsOld(now);
   const bool is_spent = (HasChanges() && !budget.MayPush()) || (HasPulls() && !budget.MayAnswer());
-  next_tick_ =
-      HasChanges() || HasPulls() ? now + (is_spent ? kBudgetPause : kPause) : Clock::time_point();
+  next_tick_ = HasChanges() || HasPulls() ? now + (is_spent ? ByteBudget::kPause : kPause)
+                                          : Clock::time_point();
 }
 
 void ScanPublisher::Answer(Batch& batch, ByteBudget& budget) {

@@ -7,10 +7,13 @@
 #include <sys/socket.h>
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <cstdlib>
 #include <iterator>
 #include <vector>
+
+#include "lib/base/mutex.h"
 
 namespace splinemap {
 namespace {
@@ -93,11 +96,33 @@ std::vector<int> UdpSockets() {
   return sockets;
 }
 
+std::atomic<int64_t> num_bound = 0;  // UDP sockets, so far
+
+// What was there when a socket was bound last: to look through all descriptors once a second would
+// be much of what an idle daemon does.
+class KnownSockets {
+ public:
+  std::vector<int> Get() {
+    MutexLock lock(mutex_);
+    const int64_t bound = num_bound;
+    if (bound != bound_) sockets_ = UdpSockets();
+    bound_ = bound;
+    return sockets_;
+  }
+
+ private:
+  Mutex mutex_;
+  int64_t bound_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::vector<int> sockets_ ABSL_GUARDED_BY(mutex_);
+};
+
 }  // namespace
 
 int64_t CountLostDatagrams() {
+  static auto& known = *new KnownSockets;
   int64_t lost = 0;
-  for (const int fd : UdpSockets()) {
+  for (const int fd : known.Get()) {
+    if (!IsUdpSocket(fd)) continue;  // it was closed meanwhile
     std::array<uint32_t, SK_MEMINFO_VARS> info{};
     socklen_t size = sizeof(info);
     if (getsockopt(fd, SOL_SOCKET, SO_MEMINFO, info.data(), &size) == 0) {
@@ -114,6 +139,7 @@ extern "C" int bind(int fd, const sockaddr* address, socklen_t length) noexcept 
   using Bind = int (*)(int, const sockaddr*, socklen_t);
   static const auto real_bind = reinterpret_cast<Bind>(dlsym(RTLD_NEXT, "bind"));
   if (splinemap::IsUdpSocket(fd)) {
+    ++splinemap::num_bound;
     std::vector<sock_filter> filter = splinemap::Filter();
     const sock_fprog program = {static_cast<unsigned short>(filter.size()), filter.data()};
     setsockopt(fd, SOL_SOCKET, SO_ATTACH_FILTER, &program, sizeof(program));

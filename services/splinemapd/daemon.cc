@@ -189,11 +189,17 @@ Daemon::~Daemon() {
 
 void Daemon::PublishStatus() {
   parts_->reporter.CheckHealth();
+  const Clock::time_point now = Clock::now();
   auto published = std::make_shared<Published>();
-  published->status = parts_->reporter.MakeStatus();
-  published->layers = parts_->reporter.MakeLayers();
-  bus_->Publish(config_.channel_prefix() + "_STATUS", published->status);
-  bus_->Publish(config_.channel_prefix() + "_LAYERS", published->layers);
+  if (const auto before = this->published()) *published = *before;
+  if (auto status = parts_->reporter.StatusToPublish(now)) {
+    bus_->Publish(config_.channel_prefix() + "_STATUS", *status);
+    published->status = *std::move(status);
+  }
+  if (auto layers = parts_->reporter.LayersToPublish(now)) {
+    bus_->Publish(config_.channel_prefix() + "_LAYERS", *layers);
+    published->layers = *std::move(layers);
+  }
   MutexLock lock(mutex_);
   published_ = std::move(published);
 }
@@ -231,8 +237,8 @@ absl::Status Daemon::Stop() {
   parts_->replication.Stop();
   parts_->receiving.Stop();
   SPLINEMAP_RETURN_IF_ERROR(saved);
-  PublishStatus();
   const status_t status = parts_->reporter.MakeStatus();
+  bus_->Publish(config_.channel_prefix() + "_STATUS", status);
   spdlog::info("mapped {} of {} scans with {} poses; {} tiles, saved to {}", status.scans_mapped,
                status.scans_received, status.poses_received, status.tiles, MapPath(config_));
   for (int k = 0; k < status.num_drop_reasons; ++k) {

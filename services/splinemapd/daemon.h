@@ -26,7 +26,8 @@ class Daemon {
   // As Stop(), with errors logged.
   ~Daemon();
 
-  // Checks the daemon, and publishes a status_t and a layers_t. Call it once a second.
+  // Checks the daemon, and publishes a status_t and a layers_t where something has changed in them
+  // or somebody asked for them; see StatusReporter. Call it once a second.
   void PublishStatus();
   // What was published last; null before. Thread-safe.
   struct Published {

@@ -16,7 +16,8 @@ size_t Mailbox::Footprint(const Item& item) {
   return message == nullptr ? 0 : message->channel.size() + message->bytes.size() + kOverhead;
 }
 
-void Mailbox::Push(const std::string& channel, absl::Span<const uint8_t> message, Utime received) {
+void Mailbox::Push(const std::string& channel, absl::Span<const uint8_t> message, Utime received,
+                   bool wakes) {
   Item item = MailboxMessage{channel, {message.begin(), message.end()}, received};
   {
     MutexLock lock(mutex_);
@@ -29,7 +30,7 @@ void Mailbox::Push(const std::string& channel, absl::Span<const uint8_t> message
     items_.push_back(std::move(item));
     while (bytes_ > max_bytes_) DropOldest();
   }
-  pushed_.notify_one();
+  if (wakes) pushed_.notify_one();
 }
 
 void Mailbox::DropOldest() {

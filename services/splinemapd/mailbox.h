@@ -34,8 +34,10 @@ class Mailbox {
 
   explicit Mailbox(size_t max_bytes) : max_bytes_(max_bytes) {}
 
+  // Where it does not wake the thread, the message waits for the next one that does, or for the
+  // thread's deadline.
   void Push(const std::string& channel, absl::Span<const uint8_t> message,
-            Utime received = Utime(0));
+            Utime received = Utime(0), bool wakes = true);
   void Post(Task task);
 
   // The next item; where there is none, waits for it until `deadline` or a stop.

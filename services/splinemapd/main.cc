@@ -151,10 +151,18 @@ class Signals {
 
 absl::Status Run(const config::Config& config, const Signals& signals) {
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(config.lcm_url()));
-  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<Daemon> daemon, Daemon::Start(config, std::move(bus)));
+  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<Daemon> started,
+                             Daemon::Start(config, std::move(bus)));
+  // Never freed: to free a large map tile by tile takes seconds, which the system does at once.
+  Daemon* const daemon = started.release();
   std::unique_ptr<MetricsServer> metrics;
   if (const uint32_t port = config.service().metrics_port(); port > 0) {
-    SPLINEMAP_ASSIGN_OR_RETURN(metrics, MetricsServer::Listen(port, *daemon));
+    auto listening = MetricsServer::Listen(port, *daemon);
+    if (!listening.ok()) {
+      daemon->Stop().IgnoreError();
+      return listening.status();
+    }
+    metrics = *std::move(listening);
   }
   ServiceManager manager;
   size_t lost_lines = 0;

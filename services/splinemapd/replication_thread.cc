@@ -3,8 +3,13 @@
 #include <algorithm>
 #include <utility>
 
+#include "absl/hash/hash.h"
+#include "lcmtypes/splinemap/layer_digest_t.hpp"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
+#include "lib/wire/decode.h"
+#include "lib/wire/encode.h"
+#include "lib/wire/message_type.h"
 
 namespace splinemap {
 namespace {
@@ -19,6 +24,7 @@ constexpr milliseconds kSessionInterval(500);
 constexpr milliseconds kReportInterval(450);
 constexpr milliseconds kMaxFarewell(5000);
 constexpr milliseconds kFarewellInterval(50);
+constexpr size_t kMaxHeardDigests = 4096;
 
 }  // namespace
 
@@ -43,7 +49,19 @@ void ReplicationThread::Start(StartSession start_session) {
 
 void ReplicationThread::Handle(absl::Span<const uint8_t> message) {
   if (SpeakerOf(message) == speaker_) return;  // its own, which multicast brings back
-  mailbox_.Push("", message);
+  mailbox_.Push("", message, Utime(0), IsNews(message));
+}
+
+// Most of what an idle fleet says are digests that were heard before. They have time until the
+// thread wakes for itself, twice a second.
+bool ReplicationThread::IsNews(absl::Span<const uint8_t> message) {
+  if (TypeOf(message) != MessageType::kLayerDigest) return true;
+  absl::StatusOr<layer_digest_t> digest = Decode<layer_digest_t>(message);
+  if (!digest.ok()) return true;
+  digest->utime = 0;
+  MutexLock lock(mutex_);
+  if (heard_digests_.size() >= kMaxHeardDigests) heard_digests_.clear();
+  return heard_digests_.insert(absl::HashOf(Encode(*digest))).second;
 }
 
 void ReplicationThread::OnOwnScan(SessionId session, SentScan scan) {
@@ -204,7 +222,8 @@ void ReplicationThread::Publish(const std::vector<ReplicationMessage>& messages)
 }
 
 void ReplicationThread::UpdateReport(Clock::time_point now) {
-  if (now < next_report_) return;
+  const bool was_called = exchange_.DrainCall();
+  if (now < next_report_ && !was_called) return;
   next_report_ = now + kReportInterval;
   const MapFollower& follower = exchange_.follower();
   MutexLock lock(mutex_);
@@ -212,6 +231,7 @@ void ReplicationThread::UpdateReport(Clock::time_point now) {
   report_.refused = follower.refused();
   report_.settings_hash = follower.settings().hash();
   report_.is_full = follower.is_full();
+  report_.was_called |= was_called;
   report_.heard_earlier_session |= exchange_.DrainEarlierSession();
   for (const LayerId& id : exchange_.DrainDuplicateNames()) report_.same_names.push_back(id);
   report_.refused_settings = follower.refused_settings();
@@ -223,6 +243,7 @@ void ReplicationThread::UpdateReport(Clock::time_point now) {
 ReplicationThread::Report ReplicationThread::DrainReport() {
   MutexLock lock(mutex_);
   Report report = report_;
+  report_.was_called = false;
   report_.heard_earlier_session = false;
   report_.same_names.clear();
   return report;

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/container/flat_hash_set.h"
 #include "absl/status/status.h"
 #include "absl/types/span.h"
 #include "lib/base/mutex.h"
@@ -47,13 +48,14 @@ class ReplicationThread {
   // As LayerExchange::Edit(), for `done` in the thread.
   void Edit(LayerId id, Change change, Done done);
 
-  // For status messages; at most half a second old while the thread runs.
+  // For status messages; at most half a second old while the thread runs, and no older than a call.
   struct Report {
     std::vector<FollowedLayer> followed;
     std::vector<std::string> refused;
     uint64_t settings_hash = 0;
     bool is_full = false;
     // Since the last report.
+    bool was_called = false;             // somebody asked who is there
     bool heard_earlier_session = false;  // of the own layer
     std::vector<LayerId> same_names;     // other layers of the own name
     // In all.
@@ -72,6 +74,7 @@ class ReplicationThread {
  private:
   void Run(const std::stop_token& stop);
   void SayLast();
+  bool IsNews(absl::Span<const uint8_t> message);
   void HandleItem(const Mailbox::Item& item);
   void CheckSession(Clock::time_point now);
   void StartNewSession(LayerId id, SessionId session, bool is_empty,
@@ -100,6 +103,7 @@ class ReplicationThread {
   Mutex mutex_;
   Report report_ ABSL_GUARDED_BY(mutex_);
   std::vector<std::pair<SessionId, SentScan>> own_scans_ ABSL_GUARDED_BY(mutex_);  // to be sent
+  absl::flat_hash_set<size_t> heard_digests_ ABSL_GUARDED_BY(mutex_);  // hashes, without utime
   std::jthread replicating_;
 };
 

@@ -4,8 +4,10 @@
 #include <ctime>
 #include <utility>
 
+#include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lib/base/host_clock.h"
 #include "lib/base/status.h"
+#include "lib/wire/encode.h"
 #include "lib/wire/lcm_bus.h"
 
 namespace splinemap {
@@ -298,17 +300,38 @@ void StatusReporter::ReportDuplicateName(const LayerId& first, const LayerId& se
           first.name, first.origin, second.origin, first.name));
 }
 
-layers_t StatusReporter::MakeLayers() {
-  const auto set = parts_.newest.Layers();
+layers_t StatusReporter::MakeLayers(const LayerSet& set,
+                                    std::vector<layer_status_t> statuses) const {
   layers_t layers;
-  layers.utime = HostUtime();
-  layers.daemon_nonce = static_cast<int64_t>(set->layers.front().session.nonce);
+  layers.utime = 0;
+  layers.daemon_nonce = static_cast<int64_t>(set.layers.front().session.nonce);
   layers.refused = replication_.refused;
   layers.num_refused = static_cast<int32_t>(layers.refused.size());
-  layers.name = set->layers.front().id.name;
+  layers.name = set.layers.front().id.name;
   layers.settings_hash = static_cast<int64_t>(replication_.settings_hash);
-  layers.layers = layer_report_.Make(*set, replication_.followed, contradictions_.contradictions());
+  layers.layers = std::move(statuses);
   layers.num_layers = static_cast<int32_t>(layers.layers.size());
+  return layers;
+}
+
+std::optional<status_t> StatusReporter::StatusToPublish(Clock::time_point now) {
+  status_t status = MakeStatus();
+  status_t state = status;
+  state.utime = 0;
+  state.uptime_s = 0;
+  state.newest_scan_age_s = 0;
+  if (!status_announcement_.IsDue(Encode(state), replication_.was_called, now)) return std::nullopt;
+  return status;
+}
+
+std::optional<layers_t> StatusReporter::LayersToPublish(Clock::time_point now) {
+  const auto set = parts_.newest.Layers();
+  const layers_t outline = MakeLayers(*set, LayerReport::Outline(*set, replication_.followed));
+  if (!layers_announcement_.IsDue(Encode(outline), replication_.was_called, now))
+    return std::nullopt;
+  layers_t layers = MakeLayers(
+      *set, layer_report_.Make(*set, replication_.followed, contradictions_.contradictions()));
+  layers.utime = HostUtime();
   return layers;
 }
 

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <deque>
 #include <map>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -10,6 +11,7 @@
 #include "lcmtypes/splinemap/layers_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/config/config.h"
+#include "services/splinemapd/announcement.h"
 #include "services/splinemapd/contradiction_watch.h"
 #include "services/splinemapd/host_clock_watch.h"
 #include "services/splinemapd/layer_report.h"
@@ -25,7 +27,7 @@
 
 namespace splinemap {
 
-// Makes the status messages of a daemon, and reports what is wrong with it once a second.
+// Makes the status messages of a daemon, and reports what is wrong with it.
 // Thread-compatible.
 class StatusReporter {
  public:
@@ -41,13 +43,19 @@ class StatusReporter {
   };
   StatusReporter(const config::Config& config, const Parts& parts, TileBudget budget);
 
-  // Checks the daemon and its surroundings, and reports what changed since the last call.
+  // Checks the daemon and its surroundings, and reports what changed since the last time.
   void CheckHealth();
 
   status_t MakeStatus();
-  layers_t MakeLayers();
+  // What is to be published now, nothing where nobody would learn anything from it. Both go where
+  // somebody asks who is there; else status_t where anything but its clocks has changed, or after
+  // 5 s, so that a daemon that ended is missed; layers_t where others are there or in another
+  // state, since it lists all that every daemon has.
+  std::optional<status_t> StatusToPublish(Clock::time_point now);
+  std::optional<layers_t> LayersToPublish(Clock::time_point now);
 
  private:
+  layers_t MakeLayers(const LayerSet& set, std::vector<layer_status_t> statuses) const;
   void CheckClock();
   void CheckMemory();
   void CheckDisk();
@@ -83,6 +91,8 @@ class StatusReporter {
   bool was_full_ = false;
   bool said_alone_ = false;
   ReplicationThread::Report replication_;  // of the last CheckHealth()
+  Announcement status_announcement_{std::chrono::seconds(5)};
+  Announcement layers_announcement_{Clock::duration::max()};
   LayerReport layer_report_;
 };
 

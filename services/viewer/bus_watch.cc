@@ -56,7 +56,8 @@ BusWatch::BusWatch(std::unique_ptr<LcmBus> bus, const WatchOptions& options,
     : options_(options),
       on_news_(std::move(on_news)),
       bus_(std::move(bus)),
-      scans_(options.scans, options.poses.empty() ? "" : options.poses[0]) {}
+      scans_(options.scans, options.poses.empty() ? "" : options.poses[0]),
+      caller_(*bus_, options.channel_prefix) {}
 
 BusWatch::~BusWatch() = default;
 
@@ -151,6 +152,11 @@ bool BusWatch::IsShown(const std::vector<std::string>& channels, const std::stri
 BusState BusWatch::State() const {
   MutexLock lock(mutex_);
   return state_;
+}
+
+void BusWatch::Call() {
+  MutexLock lock(mutex_);
+  caller_.Tick(Clock::now());
 }
 
 void BusWatch::PublishGoal(const std::string& channel, const Pose2& goal) {

@@ -13,6 +13,7 @@
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/clock.h"
 #include "lib/base/mutex.h"
+#include "lib/replica/caller.h"
 #include "lib/wire/lcm_bus.h"
 #include "services/viewer/placed_scans.h"
 #include "splinemap/layer.h"
@@ -63,6 +64,8 @@ class BusWatch {
   ~BusWatch();
 
   BusState State() const;
+  // As Caller::Tick(): daemons tell their state once a second while this is called.
+  void Call();
   // Sends a goal as a pose_xyt_t.
   void PublishGoal(const std::string& channel, const Pose2& goal);
 
@@ -82,6 +85,7 @@ class BusWatch {
   const std::unique_ptr<LcmBus> bus_;
   PlacedScans scans_;
   mutable Mutex mutex_;
+  Caller caller_ ABSL_GUARDED_BY(mutex_);
   BusState state_ ABSL_GUARDED_BY(mutex_);
   std::jthread watching_;
 };

@@ -131,7 +131,7 @@ std::string TimesJson(const MapTimes& times) {
                {"problem", times.problem}});
 }
 
-std::string DaemonsJson(const BusState& bus) {
+std::string DaemonsJson(const BusState& bus, Clock::time_point asked_since) {
   json rows = json::array();
   for (const auto& [nonce, heard] : bus.daemons) {
     const status_t& status = heard.value;
@@ -153,7 +153,7 @@ std::string DaemonsJson(const BusState& bus) {
                     {"drops", std::move(drops)},
                     {"problems", std::move(problems)},
                     {"last_problem", status.last_problem},
-                    {"heard_s_ago", SecondsSince(heard.time)},
+                    {"heard_s_ago", SecondsSince(std::max(heard.time, asked_since))},
                     {"revision", status.revision},
                     {"saved_revision", status.saved_revision}});
   }

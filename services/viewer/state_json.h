@@ -26,7 +26,9 @@ std::string MapJson(const MapFacts& facts, const ShownMap& map, const MapView& v
 // `bus` null: the layers of a file.
 std::string LayersJson(const ShownMap& map, const BusState* bus);
 std::string TimesJson(const MapTimes& times);
-std::string DaemonsJson(const BusState& bus);
+// None is silent that had no time to answer: daemons are asked from `asked_since` on, and say
+// little where nobody asks.
+std::string DaemonsJson(const BusState& bus, Clock::time_point asked_since);
 // From the frame of the poses on the bus to that of the map. Known where the daemons that hear
 // poses are of one robot; with several nobody says whose a channel is, and it is none.
 Pose2 MapFromPoses(const BusState& bus, const SettingsTable& settings);

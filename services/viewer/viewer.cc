@@ -149,9 +149,10 @@ void Viewer::SetSections(const MapView& view) {
     sections_.Set(Sections::kLayers, LayersJson(*map_, nullptr));
     return;
   }
+  bus_->Call();
   const BusState bus = bus_->State();
   sections_.Set(Sections::kLayers, LayersJson(*map_, &bus));
-  sections_.Set(Sections::kDaemons, DaemonsJson(bus));
+  sections_.Set(Sections::kDaemons, DaemonsJson(bus, watched_since_));
   const Pose2 map_T_poses = MapFromPoses(bus, map_->Layers().settings);
   sections_.Set(Sections::kPoses, PosesJson(bus, map_T_poses));
   sections_.Set(Sections::kScans, ScansJson(bus, map_T_poses));
@@ -164,7 +165,10 @@ std::shared_ptr<Viewer::Browser> Viewer::Join() {
   browsers_.insert(browser);
   metrics_.browsers.Set(static_cast<double>(browsers_.size()));
   // Nobody kept them up to date while nobody looked.
-  if (browsers_.size() == 1) SetSections(*map_->View());
+  if (browsers_.size() == 1) {
+    watched_since_ = Clock::now();
+    SetSections(*map_->View());
+  }
   Nudge();
   return browser;
 }
@@ -265,8 +269,9 @@ absl::Status Viewer::Mute(const std::string& body) {
     return client->Set({command, id, session}, std::chrono::seconds(5));
   }
   for (const LayerSnapshot& layer : map_->Layers().layers) {
-    if (KeyOf(layer.id) == key.get<std::string>())
-      return Unavailable("no daemon has said yet that it has the layer; try again in a second");
+    if (KeyOf(layer.id) != key.get<std::string>()) continue;
+    bus_->Call();
+    return Unavailable("no daemon has said yet that it has the layer; try again in a second");
   }
   return NotFound("no daemon has the layer {}", key.get<std::string>());
 }

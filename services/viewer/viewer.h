@@ -91,6 +91,7 @@ class Viewer {
   Sections sections_;
   double knot_interval_m_ = MapOptions().knot_interval_m;
   std::set<std::shared_ptr<Browser>> browsers_;
+  Clock::time_point watched_since_;  // by some browser
   boost::asio::steady_timer news_;
   std::atomic<bool> is_nudged_ = true;
 };

@@ -10,10 +10,12 @@
 
 #include "lcmtypes/bot_core/rigid_transform_t.hpp"
 #include "lcmtypes/splinemap/layer_settings_t.hpp"
+#include "lcmtypes/splinemap/layers_t.hpp"
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lcmtypes/splinemap/trajectory_t.hpp"
 #include "lib/mapping/fold.h"
+#include "lib/replication/protocol.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "splinemap/file.h"
@@ -43,6 +45,10 @@ class DaemonTest : public testing::Test {
     bus_->Subscribe("SPLINEMAP_STATUS", [this](const std::string&, absl::Span<const uint8_t> m) {
       MutexLock lock(mutex_);
       statuses_.push_back(*Decode<status_t>(m));
+    });
+    bus_->Subscribe("SPLINEMAP_LAYERS", [this](const std::string&, absl::Span<const uint8_t> m) {
+      MutexLock lock(mutex_);
+      lists_.push_back(*Decode<layers_t>(m));
     });
     auto daemon = Daemon::Start(config_, *std::move(bus));
     ASSERT_TRUE(daemon.ok()) << daemon.status();
@@ -168,6 +174,7 @@ class DaemonTest : public testing::Test {
   config::Config config_;
   Mutex mutex_;
   std::vector<status_t> statuses_ ABSL_GUARDED_BY(mutex_);
+  std::vector<layers_t> lists_ ABSL_GUARDED_BY(mutex_);
   LcmBus* bus_ = nullptr;
   std::unique_ptr<Daemon> daemon_;
 };
@@ -190,6 +197,39 @@ TEST_F(DaemonTest, MapsAndSaysWhatItDid) {
   EXPECT_EQ(status.drop_reasons[0], "wrong_type_of_scan");
   EXPECT_EQ(status.messages_dropped, 1);
   EXPECT_NE(status.last_problem, "");
+}
+
+TEST_F(DaemonTest, ADaemonWithoutNewsSaysNothingUnlessItIsAsked) {
+  Start();
+  Drive(20);
+  AwaitStatus([](const status_t& s) { return s.saved_revision == 20; });
+  const auto publish = [&] {
+    for (int n = 0; n < 10; ++n) {
+      daemon_->PublishStatus();
+      std::this_thread::sleep_for(milliseconds(20));
+    }
+    MutexLock lock(mutex_);
+    return std::pair(std::exchange(statuses_, {}), std::exchange(lists_, {}));
+  };
+  publish();
+  const auto [no_statuses, no_lists] = publish();
+  EXPECT_EQ(no_statuses.size(), 0u);
+  EXPECT_EQ(no_lists.size(), 0u);
+  bus_->Publish("SPLINEMAP_PULLS", MakeCall(7));
+  std::this_thread::sleep_for(milliseconds(500));
+  const auto [statuses, lists] = publish();
+  ASSERT_EQ(statuses.size(), 1u);
+  EXPECT_EQ(statuses[0].revision, 20);
+  ASSERT_EQ(lists.size(), 1u);
+  ASSERT_EQ(lists[0].num_layers, 1);
+  EXPECT_EQ(lists[0].layers[0].state, "own");
+  EXPECT_EQ(lists[0].layers[0].revision, 20);
+  EXPECT_EQ(lists[0].layers[0].num_tiles, statuses[0].tiles);
+  EXPECT_GT(lists[0].layers[0].x1_m - lists[0].layers[0].x0_m, 5);
+  // More of the same layer is no news to those who list layers.
+  Drive(20, 2000);
+  AwaitStatus([](const status_t& s) { return s.scans_mapped == 40; });
+  EXPECT_EQ(publish().second.size(), 0u);
 }
 
 TEST_F(DaemonTest, SavesWhileItRuns) {

@@ -14,6 +14,7 @@
 #include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lcmtypes/splinemap/layers_t.hpp"
 #include "lib/base/status.h"
+#include "lib/replica/caller.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/lcm_bus.h"
 
@@ -47,6 +48,7 @@ absl::Status Run(const std::vector<std::string>& names, double timeout_s) {
     if (!layers.ok() || std::count(names.begin(), names.end(), layers->name) == 0) return;
     said[layers->name] = RowsOf(*layers);
   });
+  Caller caller(*bus, "SPLINEMAP");
   const auto begin = SteadyClock::now();
   const auto passed_s = [&] { return Seconds(SteadyClock::now() - begin).count(); };
   const auto agree = [&] {
@@ -60,6 +62,7 @@ absl::Status Run(const std::vector<std::string>& names, double timeout_s) {
         fmt::print(stderr, "{}: {}\n", name, fmt::join(lines, "; "));
       return Unavailable("{} of {} daemons are heard, and do not agree", said.size(), names.size());
     }
+    caller.Tick(Clock::now());
     bus->Handle(std::chrono::milliseconds(100));
   }
   fmt::print("{:.1f}\n", passed_s());

@@ -9,6 +9,7 @@
 #include "lcmtypes/splinemap/points_reply_t.hpp"
 #include "lcmtypes/splinemap/reply_t.hpp"
 #include "lib/base/status.h"
+#include "lib/replication/protocol.h"
 #include "lib/rpc/messages.h"
 #include "lib/wire/decode.h"
 
@@ -20,6 +21,7 @@ using std::chrono::milliseconds;
 constexpr int64_t kClient = 0x1234;
 constexpr milliseconds kPatience(10'000);
 constexpr milliseconds kRetry(200);
+constexpr milliseconds kAnswer(20);  // the call has to be heard before
 
 }  // namespace
 
@@ -69,9 +71,14 @@ std::optional<layers_t> MemoryDaemon::Layers() {
     MutexLock lock(mutex_);
     layers_.reset();
   }
-  daemon_->PublishStatus();
-  std::unique_lock lock(mutex_);
-  heard_.wait_for(lock, kPatience, [this] { return layers_.has_value(); });
+  const auto deadline = Clock::now() + kPatience;
+  while (Clock::now() < deadline) {
+    Publish("SPLINEMAP_PULLS", Encode(MakeCall(kClient)));
+    daemon_->PublishStatus();
+    std::unique_lock lock(mutex_);
+    if (heard_.wait_for(lock, kAnswer, [this] { return layers_.has_value(); })) break;
+  }
+  MutexLock lock(mutex_);
   return layers_;
 }
 

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <thread>
 #include <vector>
 
@@ -54,6 +55,23 @@ TEST(MailboxTest, TasksKeepTheirPlaceAndAreNeverDropped) {
   EXPECT_EQ(executed, 50);
   EXPECT_EQ(MessageOf(mailbox.TryPop()).bytes[0], 2);
   EXPECT_EQ(mailbox.dropped(), 1);
+}
+
+TEST(MailboxTest, AMessageThatDoesNotWakeWaitsForOneThatDoes) {
+  Mailbox mailbox(1000);
+  std::atomic<int> popped = 0;
+  std::jthread consumer([&] {
+    while (popped < 2) {
+      if (mailbox.Pop({}, Clock::now() + seconds(10))) ++popped;
+    }
+  });
+  std::this_thread::sleep_for(milliseconds(50));  // so that it waits
+  mailbox.Push("A", std::vector<uint8_t>(5), Utime(0), /*wakes=*/false);
+  std::this_thread::sleep_for(milliseconds(50));
+  EXPECT_EQ(popped, 0);
+  mailbox.Push("A", std::vector<uint8_t>(5));
+  consumer.join();
+  EXPECT_EQ(popped, 2);
 }
 
 TEST(MailboxTest, AStopEndsTheWaitAndLeavesWhatIsThere) {

@@ -347,7 +347,7 @@ TEST(MapFollowerTest, ARegionIsOfTheMapFrameAtAnyLevel) {
   EXPECT_DOUBLE_EQ(coarse.View()->options.knot_interval_m, 0.4);
   const auto messages = TickOf(coarse, kBegin + milliseconds(200));
   ASSERT_EQ(messages.size(), 2u);
-  EXPECT_TRUE(AsksForDigests(std::get<layer_pull_t>(messages[0])));
+  EXPECT_TRUE(IsCall(std::get<layer_pull_t>(messages[0])));
   const auto& pull = std::get<layer_pull_t>(messages[1]);
   EXPECT_EQ(pull.layer.level, 3);
   EXPECT_EQ(pull.layer.statistic, 2);

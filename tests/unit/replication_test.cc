@@ -790,6 +790,54 @@ TEST(ReplicationTest, AFollowerOfMuchIsCaughtUpOnlyWhenAllIsThere) {
   EXPECT_TRUE(world.AllCaughtUp());
 }
 
+// Whatever is lost on the way is asked for again, and no tile waits for another digest.
+TEST(ReplicationTest, AFollowerOfMuchHasItAllFromOneDigest) {
+  for (const double loss : {0.0, 0.1}) {
+    PublisherOptions options;
+    options.bytes_per_s = 1e8;
+    options.digest_interval = std::chrono::hours(1);
+    World world({.loss = loss}, options, 23);
+    world.Fill(170);
+    const LayerSnapshot file = world.OwnersLayer();
+    world.StartOwner(&file);
+    world.AddFollower();
+    while (world.follower(0).session() == SessionId{}) {
+      world.publisher().HandlePull(MakeCall(1), world.network().now());
+      world.Run(milliseconds(200));
+    }
+    const int64_t digests = world.last_digest().utime;
+    world.Run(milliseconds(loss == 0 ? 7000 : 30'000));
+    EXPECT_EQ(world.follower(0).num_tiles(), 28'900u) << loss;
+    EXPECT_EQ(world.last_digest().utime, digests);
+  }
+}
+
+TEST(ReplicationTest, APublisherRestsWhileItsBudgetIsSpent) {
+  PublisherOptions options;
+  options.bytes_per_s = 10'000;
+  MapWriter map(kMapOptions);
+  Layer& layer = map.AddLayer(kId, {1, 1});
+  layer.BeginCommit();
+  Random random(24);
+  layer_pull_t pull{};
+  pull.layer = ToMessage(LayerRef{kId, {1, 1}, {}});
+  for (int32_t tx = 0; tx < 100; ++tx) {
+    layer.EditTile({tx, 0}) = RandomTile(random);
+    pull.levels.push_back(0);
+    pull.xs.push_back(tx);
+    pull.ys.push_back(0);
+  }
+  pull.num_nodes = 100;
+  PyramidPublisher publisher(layer.Snapshot(), kMapOptions, options);
+  ByteBudget budget(options.bytes_per_s);
+  budget.Refill(kNow, false, true);
+  publisher.Tick(kNow, budget);
+  publisher.HandlePull(pull, kNow);
+  publisher.Tick(kNow, budget);
+  ASSERT_TRUE(publisher.HasPulls());
+  EXPECT_EQ(publisher.NextTick(kNow), kNow + ByteBudget::kPause);
+}
+
 TEST(ReplicationTest, AListingOfBeforeTheDigestDoesNotSatisfyIt) {
   MapWriter map(kMapOptions);
   Layer& layer = map.AddLayer(kId, {1, 1});

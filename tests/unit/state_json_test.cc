@@ -34,6 +34,14 @@ class PlacedPosesTest : public testing::Test {
   SettingsTable settings_;
 };
 
+TEST(DaemonsJsonTest, ADaemonThatHadNoTimeToAnswerIsNotSilent) {
+  BusState bus;
+  bus.daemons[1] = {status_t{}, Clock::now() - std::chrono::seconds(60)};
+  EXPECT_LT(json::parse(DaemonsJson(bus, Clock::now()))[0]["heard_s_ago"], 1);
+  const auto before = Clock::now() - std::chrono::seconds(10);
+  EXPECT_GE(json::parse(DaemonsJson(bus, before))[0]["heard_s_ago"], 10);
+}
+
 TEST_F(PlacedPosesTest, TheRobotIsWhereItsDaemonSays) {
   const json pose = json::parse(PosesJson(bus_, Frame()))[0];
   EXPECT_EQ(pose["x_m"], 8);

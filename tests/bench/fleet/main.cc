@@ -1,12 +1,10 @@
 // What it costs a base station to follow robots that map 10 scans a second each: processor time,
 // memory, bytes on the bus. A real splinemapd follows; the robots are in this process.
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
-#include <fstream>
 #include <map>
 #include <optional>
 #include <string>
@@ -15,7 +13,9 @@
 #include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lcmtypes/splinemap/layers_t.hpp"
 #include "lib/base/status.h"
+#include "lib/replica/caller.h"
 #include "lib/wire/decode.h"
+#include "tests/bench/fleet/process_figures.h"
 #include "tests/bench/fleet/robot_fleet.h"
 #include "tests/support/child_process.h"
 #include "tests/support/temporary_directory.h"
@@ -27,27 +27,6 @@ using std::chrono::milliseconds;
 using Seconds = std::chrono::duration<double>;
 
 constexpr double kRawTileBytes = sizeof(Tile);
-
-// Of all threads of a process.
-double CpuSeconds(pid_t pid) {
-  std::ifstream file(fmt::format("/proc/{}/stat", pid));
-  std::string text((std::istreambuf_iterator<char>(file)), {});
-  long user = 0;
-  long system = 0;
-  const size_t end_of_name = text.rfind(')');
-  if (end_of_name == std::string::npos) return 0;
-  std::sscanf(text.c_str() + end_of_name, ") %*c %*d %*d %*d %*d %*d %*u %*u %*u %*u %*u %ld %ld",
-              &user, &system);
-  return static_cast<double>(user + system) / static_cast<double>(sysconf(_SC_CLK_TCK));
-}
-
-double ResidentBytes(pid_t pid) {
-  std::ifstream file(fmt::format("/proc/{}/statm", pid));
-  double size = 0;
-  double resident = 0;
-  file >> size >> resident;
-  return resident * static_cast<double>(sysconf(_SC_PAGESIZE));
-}
 
 struct Cost {
   int robots = 0;
@@ -88,7 +67,9 @@ template <typename Condition>
 absl::Status HandleUntil(LcmBus& bus, Seconds at_most, const std::string& what,
                          Condition condition) {
   const auto end = Clock::now() + std::chrono::duration_cast<Clock::duration>(at_most);
+  Caller caller(bus, "SPLINEMAP");
   while (!condition()) {
+    caller.Tick(Clock::now());
     if (Clock::now() > end)
       return Unavailable("{} did not come true in {} s", what, at_most.count());
     bus.Handle(milliseconds(20));
