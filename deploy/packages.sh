@@ -4,7 +4,7 @@
 BUILD_PACKAGES=(
   g++ cmake ninja-build ccache pkg-config
   liblcm-dev liblcm-bin libglib2.0-dev libeigen3-dev libprotobuf-dev protobuf-compiler libzstd-dev
-  libabsl-dev libfmt-dev libspdlog-dev libcli11-dev libsqlite3-dev libsqlitecpp-dev libxxhash-dev
+  libabsl-dev libfmt-dev libspdlog-dev libcli11-dev libsqlite3-dev libsqlitecpp-dev libxxhash-dev libsodium-dev
   libpng-dev libtiff-dev zlib1g-dev nlohmann-json3-dev libyaml-cpp-dev
   esbuild libboost-dev libssl-dev prometheus-cpp-dev libsystemd-dev
 )

@@ -17,10 +17,11 @@
 #include "lib/base/mutex.h"
 #include "lib/base/plain_text.h"
 #include "lib/base/status.h"
-#include "splinemap/local_map.h"
-#include "splinemap/replica.h"
 #include "lib/wire/lcm_bus.h"
 #include "lib/wire/sensor_messages.h"
+#include "splinemap/key_ring.h"
+#include "splinemap/local_map.h"
+#include "splinemap/replica.h"
 
 namespace splinemap {
 namespace {
@@ -29,6 +30,7 @@ using Eigen::Vector2d;
 
 struct Flags {
   std::string lcm_url;
+  std::string keys;
   FollowOptions follow;
   std::vector<double> start_m;
   std::string pose_channel;
@@ -215,7 +217,10 @@ class PlannerNode {
   Path path_;  // the last that was published; empty where there was no way
 };
 
-absl::Status Run(const Flags& flags) {
+absl::Status Run(Flags flags) {
+  if (!flags.keys.empty()) {
+    SPLINEMAP_ASSIGN_OR_RETURN(flags.follow.keys, KeyRing::Read(flags.keys));
+  }
   SPLINEMAP_ASSIGN_OR_RETURN(const std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.lcm_url));
   return PlannerNode(flags, *bus).Run();
 }
@@ -237,6 +242,9 @@ int Main(int argc, char** argv) {
   app.add_option("--lcm-url", flags.lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
       ->type_name("URL");
   app.add_option("--prefix", flags.follow.channel_prefix, "channel_prefix of the daemons");
+  app.add_option("--keys", flags.keys,
+                 "Folder of splinemap keys: sign, and believe trusted keys alone")
+      ->type_name("FOLDER");
   auto* from = app.add_option_group("from")->require_option(1);
   from->add_option("--start", flags.start_m, "m, where the path begins")
       ->delimiter(',')

@@ -227,6 +227,7 @@ absl::StatusOr<int> BridgeOccupancyGrid(BridgeFlags flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(flags.follow.region, ParseRegion(flags.region));
   SPLINEMAP_ASSIGN_OR_RETURN(const std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.bus.lcm_url));
   flags.follow.channel_prefix = flags.bus.channel_prefix;
+  SPLINEMAP_ASSIGN_OR_RETURN(flags.follow.keys, flags.bus.Keys());
   PublishedPart part;
   SPLINEMAP_ASSIGN_OR_RETURN(
       const auto replica,

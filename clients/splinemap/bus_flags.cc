@@ -10,6 +10,11 @@ std::chrono::milliseconds BusFlags::Timeout() const {
   return std::chrono::ceil<std::chrono::milliseconds>(std::chrono::duration<double>(timeout_s));
 }
 
+absl::StatusOr<std::shared_ptr<const KeyRing>> BusFlags::Keys() const {
+  if (keys.empty()) return nullptr;
+  return KeyRing::Read(keys);
+}
+
 void RequireLive(CLI::Option* option, CLI::Option* live) {
   if (live != nullptr) option->needs(live)->group("With --live");
 }
@@ -23,6 +28,11 @@ void AddLcmUrlFlag(CLI::App& command, std::string& lcm_url, CLI::Option* live) {
 void AddBusFlags(CLI::App& command, BusFlags& flags, CLI::Option* live) {
   AddLcmUrlFlag(command, flags.lcm_url, live);
   RequireLive(command.add_option("--prefix", flags.channel_prefix, "channel_prefix of the daemons"),
+              live);
+  RequireLive(command
+                  .add_option("--keys", flags.keys,
+                              "Folder of splinemap keys: sign, and believe trusted keys alone")
+                  ->type_name("FOLDER"),
               live);
 }
 

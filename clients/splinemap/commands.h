@@ -39,6 +39,7 @@ void AddForget(CLI::App& app, Command& chosen);
 void AddImportCarmen(CLI::App& app, Command& chosen);
 void AddImportRos(CLI::App& app, Command& chosen);
 void AddInfo(CLI::App& app, Command& chosen);
+void AddKeys(CLI::App& app, Command& chosen);
 void AddLayer(CLI::App& app, Command& chosen);
 void AddLayers(CLI::App& app, Command& chosen);
 void AddMerge(CLI::App& app, Command& chosen);

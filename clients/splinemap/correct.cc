@@ -16,6 +16,7 @@
 #include "lib/logs/trajectory_file.h"
 #include "lib/wire/lcm_bus.h"
 #include "lib/wire/message_type.h"
+#include "lib/wire/trajectory_parts.h"
 #include "splinemap/client.h"
 #include "splinemap/file.h"
 #include "splinemap/scan_archive.h"
@@ -106,13 +107,16 @@ absl::StatusOr<int> CorrectLive(const CorrectFlags& flags) {
   ClientOptions options;
   options.channel_prefix = flags.bus.channel_prefix;
   options.robot = flags.robot;
+  SPLINEMAP_ASSIGN_OR_RETURN(options.keys, flags.bus.Keys());
   options.deadline = flags.bus.Timeout();
   SPLINEMAP_ASSIGN_OR_RETURN(const auto client, MapClient::Connect(flags.bus.lcm_url, options));
   SPLINEMAP_ASSIGN_OR_RETURN(const auto bus, LcmBus::Open(flags.bus.lcm_url));
   const size_t parts = (trajectory.poses.size() + kPosesInPart - 1) / kPosesInPart;
   for (size_t part = 0; part < parts; ++part) {
-    bus->Publish(flags.bus.channel_prefix + "_TRAJECTORY",
-                 PartOf(trajectory, part, parts, client->daemon().name));
+    bus->PublishBytes(flags.bus.channel_prefix + "_TRAJECTORY",
+                      Signed(options.keys.get(),
+                             TrajectorySigning(flags.bus.channel_prefix, client->daemon().nonce),
+                             Encode(PartOf(trajectory, part, parts, client->daemon().name))));
   }
   PrintLine(stderr, "sent {} poses to the daemon of {}; its log says what became of them",
             trajectory.poses.size(), client->daemon().name);

@@ -21,6 +21,7 @@ absl::StatusOr<std::unique_ptr<MapClient>> Connect(const DaemonFlags& flags) {
   ClientOptions options;
   options.channel_prefix = flags.bus.channel_prefix;
   options.robot = flags.robot;
+  SPLINEMAP_ASSIGN_OR_RETURN(options.keys, flags.bus.Keys());
   options.deadline = flags.bus.Timeout();
   return MapClient::Connect(flags.bus.lcm_url, options);
 }

@@ -56,6 +56,7 @@ void AddRobotsFlag(CLI::App& command, std::vector<std::string>& names) {
 absl::StatusOr<std::unique_ptr<MapReplica>> FollowUntilCaughtUp(const BusFlags& bus,
                                                                 FollowOptions options) {
   options.channel_prefix = bus.channel_prefix;
+  SPLINEMAP_ASSIGN_OR_RETURN(options.keys, bus.Keys());
   SPLINEMAP_ASSIGN_OR_RETURN(auto replica, MapReplica::Follow(bus.lcm_url, options));
   const auto begin = Clock::now();
   const std::chrono::duration<double> timeout = bus.Timeout();
@@ -66,7 +67,8 @@ absl::StatusOr<std::unique_ptr<MapReplica>> FollowUntilCaughtUp(const BusFlags& 
   if (const std::string problem = replica->BusProblem(); !problem.empty()) {
     return Unavailable("{}", problem);
   }
-  const std::string missing = WhatIsMissing(*replica, options.names);
+  std::string missing = WhatIsMissing(*replica, options.names);
+  for (const std::string& why : replica->Disbelieved()) missing += "; not believed: " + why;
   if (missing.empty() && replica->FollowedLayers().empty()) {
     const std::string of_robots =
         options.names.empty() ? ""

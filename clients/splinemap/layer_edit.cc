@@ -96,6 +96,7 @@ absl::Status EditLiveLayer(const BusFlags& bus, const LiveLayer& layer, LayerCom
   ClientOptions options;
   options.channel_prefix = bus.channel_prefix;
   options.robot = layer.daemon;
+  SPLINEMAP_ASSIGN_OR_RETURN(options.keys, bus.Keys());
   SPLINEMAP_ASSIGN_OR_RETURN(const auto client, MapClient::Connect(bus.lcm_url, options));
   SPLINEMAP_RETURN_IF_ERROR(client->Set({command, layer.id, layer.session_number, placement}));
   PrintLine(stderr, "{} {}: saved by the daemon of {}; the others follow within 2 s",

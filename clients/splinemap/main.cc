@@ -105,6 +105,7 @@ int Main(int argc, char** argv) {
   AddSnapshot(app, chosen);
   AddSave(app, chosen);
   AddClear(app, chosen);
+  AddKeys(app, chosen);
   AddBridge(app, chosen);
   AddSimulate(app, chosen);
   AddImportCarmen(app, chosen);

@@ -121,6 +121,7 @@ absl::StatusOr<MapSource> OpenMapSource(const MapSourceFlags& flags) {
     ClientOptions options;
     options.channel_prefix = flags.bus.channel_prefix;
     options.robot = flags.robot;
+    SPLINEMAP_ASSIGN_OR_RETURN(options.keys, flags.bus.Keys());
     options.deadline = flags.bus.Timeout();
     SPLINEMAP_ASSIGN_OR_RETURN(auto client, MapClient::Connect(flags.bus.lcm_url, options));
     if (flags.robot.empty()) WarnOfOtherMaps(*client);

@@ -64,6 +64,7 @@ absl::StatusOr<int> DrawLive(const WatchFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.bus.lcm_url));
   FollowOptions follow;
   follow.channel_prefix = flags.bus.channel_prefix;
+  SPLINEMAP_ASSIGN_OR_RETURN(follow.keys, flags.bus.Keys());
   SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, MapReplica::Follow(flags.bus.lcm_url, follow));
   LiveView view(*replica);
   bus->Subscribe(flags.bus.channel_prefix + "_STATUS",
@@ -72,7 +73,7 @@ absl::StatusOr<int> DrawLive(const WatchFlags& flags) {
                    if (status.ok()) view.HandleStatus(*status);
                  });
   fmt::print("\x1b[2J");
-  Caller caller(*bus, flags.bus.channel_prefix);
+  Caller caller(*bus, flags.bus.channel_prefix, follow.keys);
   auto next_draw = Clock::now();
   while (true) {
     bus->Handle(kWatchTick);
@@ -88,6 +89,7 @@ absl::StatusOr<int> DrawLive(const WatchFlags& flags) {
 absl::StatusOr<int> Watch(const WatchFlags& flags) {
   if (isatty(STDOUT_FILENO) == 1 && !flags.json && !flags.once) return DrawLive(flags);
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.bus.lcm_url));
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto keys, flags.bus.Keys());
   const std::string channel = flags.bus.channel_prefix + "_STATUS";
   int64_t seen = 0;
   bool is_written = true;
@@ -105,7 +107,7 @@ absl::StatusOr<int> Watch(const WatchFlags& flags) {
     }
     is_written = std::fflush(stdout) == 0;
   });
-  Caller caller(*bus, flags.bus.channel_prefix);
+  Caller caller(*bus, flags.bus.channel_prefix, keys);
   for (auto received = Clock::now(); Clock::now() - received < flags.bus.Timeout();) {
     caller.Tick(Clock::now());
     if (bus->Handle(kWatchTick) == LcmBus::Handled::kMessage) received = Clock::now();

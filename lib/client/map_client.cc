@@ -9,12 +9,15 @@
 #include "lcmtypes/splinemap/layer_command_request_t.hpp"
 #include "lib/base/clock.h"
 #include "lib/base/mutex.h"
+#include "lib/base/plain_text.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/client/pending_query.h"
 #include "lib/client/request_flow.h"
+#include "lib/wire/decode.h"
 #include "lib/wire/lcm_bus.h"
 #include "splinemap/client.h"
+#include "splinemap/key_ring.h"
 
 namespace splinemap {
 namespace {
@@ -39,6 +42,21 @@ absl::Status CheckAll(const Query& query) {
                            Rpc<Query>::kName, MapClient::kMaxItems);
   }
   return Check(query);
+}
+
+// A daemon replies in the name of the robot whose layer it maps. What others say is told, no more.
+absl::Status CheckSigner(const KeyRing& keys, const std::string& channel,
+                         absl::Span<const uint8_t> message) {
+  const std::optional<reply_t> header = ReplyHeaderOf(message);
+  if (!header) return InvalidArgument("it is damaged");
+  const absl::StatusOr<const TrustedKey*> key = keys.SignerOf(channel, message);
+  if (key.ok() && (*key)->Maps(header->name)) return absl::OkStatus();
+  const std::string why = key.ok() ? fmt::format("signed by {}, whose key may not map {}",
+                                                 (*key)->name, PlainText(header->name))
+                                   : ErrorText(key.status());
+  if (header->status_text.empty()) return absl::UnauthenticatedError(why);
+  return absl::UnauthenticatedError(
+      fmt::format("{}; it says: {}", why, PlainText(header->status_text)));
 }
 
 }  // namespace
@@ -67,12 +85,14 @@ class MapClient::Impl {
   std::chrono::milliseconds deadline() const { return deadline_; }
 
  private:
+  void Receive(const std::string& channel, absl::Span<const uint8_t> message);
   void Run(const std::stop_token& stop);
   void Publish(const std::vector<RequestFlow::Outgoing>& outgoing) const;
   void Deliver();
 
   const std::unique_ptr<LcmBus> bus_;
   const std::chrono::milliseconds deadline_;
+  const std::shared_ptr<const KeyRing> keys_;
   Mutex mutex_;
   RequestFlow flow_ ABSL_GUARDED_BY(mutex_);
   ConditionVariable found_;
@@ -83,13 +103,13 @@ class MapClient::Impl {
 MapClient::Impl::Impl(std::unique_ptr<LcmBus> bus, const ClientOptions& options)
     : bus_(std::move(bus)),
       deadline_(options.deadline),
+      keys_(options.keys),
       flow_(options.channel_prefix, options.robot, RandomId()) {
   {
     MutexLock lock(mutex_);
     bus_->Subscribe(flow_.ReplyChannel(),
-                    [this](const std::string&, absl::Span<const uint8_t> message) {
-                      MutexLock inner_lock(mutex_);
-                      flow_.HandleMessage(message, Clock::now());
+                    [this](const std::string& channel, absl::Span<const uint8_t> message) {
+                      Receive(channel, message);
                     });
     flow_.Seek(Clock::now());
   }
@@ -132,8 +152,21 @@ void MapClient::Impl::Run(const std::stop_token& stop) {
   }
 }
 
+void MapClient::Impl::Receive(const std::string& channel, absl::Span<const uint8_t> message) {
+  const absl::Status status =
+      keys_ == nullptr ? absl::OkStatus() : CheckSigner(*keys_, channel, message);
+  MutexLock lock(mutex_);
+  if (status.ok()) {
+    flow_.HandleMessage(message, Clock::now());
+  } else {
+    flow_.HandleDisbelieved(ErrorText(status));
+  }
+}
+
 void MapClient::Impl::Publish(const std::vector<RequestFlow::Outgoing>& outgoing) const {
-  for (const auto& message : outgoing) bus_->PublishBytes(message.channel, message.bytes);
+  for (const auto& message : outgoing) {
+    bus_->PublishBytes(message.channel, Signed(keys_.get(), message.channel, message.bytes));
+  }
 }
 
 void MapClient::Impl::Deliver() {

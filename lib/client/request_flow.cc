@@ -220,12 +220,18 @@ void RequestFlow::Tick(Clock::time_point now) {
 
 std::string RequestFlow::WhyNoDaemon() const {
   return fmt::format(
-      "no splinemapd{} answers; does it run on this bus (LCM_DEFAULT_URL), with channel_prefix {}{}? "
-      "splinemap watch shows who is there",
+      "no splinemapd{} answers; does it run on this bus (LCM_DEFAULT_URL), with channel_prefix "
+      "{}{}? "
+      "splinemap watch shows who is there{}",
       robot_.empty() ? "" : " of " + PlainText(robot_), channel_prefix_,
       heard_.empty()
           ? ""
-          : fmt::format(", and not only that of {}", PlainText(absl::StrJoin(heard_, ", "))));
+          : fmt::format(", and not only that of {}", PlainText(absl::StrJoin(heard_, ", "))),
+      WhatIsDisbelieved());
+}
+
+std::string RequestFlow::WhatIsDisbelieved() const {
+  return disbelieved_.empty() ? "" : fmt::format("; a reply is not believed: {}", disbelieved_);
 }
 
 absl::Status RequestFlow::Late(const Request& request) const {
@@ -239,6 +245,7 @@ absl::Status RequestFlow::Late(const Request& request) const {
                                                   "enough? splinemap watch shows who is there"
                                                 : request.problem);
   }
+  if (daemon_) text += WhatIsDisbelieved();
   return absl::DeadlineExceededError(text);
 }
 

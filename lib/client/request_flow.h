@@ -72,6 +72,8 @@ class RequestFlow {
 
   // Any bytes from ReplyChannel().
   void HandleMessage(absl::Span<const uint8_t> message, Clock::time_point now);
+  // A reply that is not believed, and why: said where a request fails.
+  void HandleDisbelieved(std::string why) { disbelieved_ = std::move(why); }
   // Sends again, and ends what is over its deadline. Call it often.
   void Tick(Clock::time_point now);
 
@@ -123,6 +125,7 @@ class RequestFlow {
   void Send(int64_t id, const Sent& sent);
   void Finish(int64_t number, absl::Status status);
   absl::Status Late(const Request& request) const;
+  std::string WhatIsDisbelieved() const;
 
   const std::string channel_prefix_;
   std::string robot_;
@@ -137,6 +140,7 @@ class RequestFlow {
   std::map<int64_t, Request> requests_;
   std::deque<int64_t> turns_;     // requests that have chunks to send
   std::map<int64_t, Sent> sent_;  // by id: chunks without a reply so far
+  std::string disbelieved_;       // the last such reply; empty where there was none
   std::vector<Outgoing> outgoing_;
   std::vector<Finished> finished_;
 };

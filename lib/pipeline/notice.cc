@@ -46,6 +46,8 @@ const char* ProblemName(Problem problem) {
       return "refused_requests";
     case Problem::kMalformedMessages:
       return "malformed_messages";
+    case Problem::kDisbelieved:
+      return "disbelieved_messages";
     case Problem::kDroppedUpdates:
       return "dropped_updates";
     case Problem::kLostLogLines:

@@ -30,6 +30,7 @@ enum class Problem {
   kBusAway,            // the LCM bus cannot be opened, or broke off
   kRefusedRequests,    // clients ask more than can be answered
   kMalformedMessages,  // on splinemap's own channels
+  kDisbelieved,        // the same, not signed by a key that is trusted and may say so
   kDroppedUpdates,     // messages about layers that came faster than they were handled
   kLostLogLines,       // nobody reads the log
   kNotSaved,           // the map file cannot be written

@@ -20,6 +20,7 @@ class MapReplica::Impl {
       : bus_(std::move(bus)),
         on_change_(std::move(on_change)),
         channel_prefix_(options.channel_prefix),
+        keys_(options.keys),
         follower_(std::move(options), RandomId()),
         following_([this](const std::stop_token& stop) { Run(stop); }) {}
 
@@ -45,6 +46,7 @@ class MapReplica::Impl {
   std::unique_ptr<LcmBus> bus_;
   const OnChange on_change_;
   const std::string channel_prefix_;
+  const std::shared_ptr<const KeyRing> keys_;
   Mutex mutex_;
   MapFollower follower_ ABSL_GUARDED_BY(mutex_);
   ByteBudget budget_ ABSL_GUARDED_BY(mutex_){PublisherOptions().bytes_per_s};
@@ -92,7 +94,8 @@ void MapReplica::Impl::Run(const std::stop_token& stop) {
       }
     }
     for (const ReplicationMessage& message : messages) {
-      bus_->PublishBytes(ChannelOf(message, channel_prefix_), EncodeReplication(message));
+      const std::string channel = ChannelOf(message, channel_prefix_);
+      bus_->PublishBytes(channel, Signed(keys_.get(), channel, EncodeReplication(message)));
     }
     if (view) Publish(std::move(view));
   }
@@ -142,6 +145,16 @@ bool MapReplica::IsCaughtUp() const {
 
 std::vector<std::string> MapReplica::Refused() const {
   return impl_->OfFollower([](MapFollower& follower) { return follower.refused(); });
+}
+
+std::vector<std::string> MapReplica::Disbelieved() const {
+  return impl_->OfFollower([](MapFollower& follower) {
+    std::vector<std::string> disbelieved;
+    for (const auto& [code, messages] : follower.admission().disbelieved()) {
+      disbelieved.push_back(fmt::format("{} messages: {}", messages.count, messages.why));
+    }
+    return disbelieved;
+  });
 }
 
 int64_t MapReplica::BytesReceived() const {

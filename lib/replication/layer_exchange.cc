@@ -21,6 +21,8 @@ LayerExchange::LayerExchange(FollowOptions follow, const PublisherOptions& publi
       map_options_(kept.options),
       speaker_(own.session.nonce),
       takes_settings_(follow.takes_settings),
+      keys_(follow.keys),
+      admission_(follow.channel_prefix, keys_, speaker_),
       own_(own),
       publisher_(std::in_place, own, kept.options, publisher),
       follower_(std::move(follow),
@@ -44,23 +46,21 @@ void LayerExchange::SetOwn(const LayerSnapshot& own, Clock::time_point now) {
 }
 
 void LayerExchange::HandleBytes(absl::Span<const uint8_t> bytes, Clock::time_point now) {
-  const absl::StatusOr<ReplicationMessage> message = DecodeReplication(bytes);
-  if (!message.ok()) {
-    ++malformed_;
-    return;
-  }
-  if (follower_.Handle(*message, now)) HandleAsOwner(*message, now);
+  const std::optional<Admission::Message> message = admission_.Admit(bytes);
+  if (message && follower_.Handle(message->content, now)) HandleAsOwner(*message, now);
 }
 
-void LayerExchange::HandleAsOwner(const ReplicationMessage& message, Clock::time_point now) {
-  if (const auto* pull = std::get_if<layer_pull_t>(&message)) {
+void LayerExchange::HandleAsOwner(const Admission::Message& message, Clock::time_point now) {
+  if (const auto* pull = std::get_if<layer_pull_t>(&message.content)) {
     was_called_ |= IsCall(*pull);
     const LayerRef ref = FromMessage(pull->layer);
-    guard_.HandleKnown(ref, OwnRef(), now);
+    if (message.answers) guard_.HandleKnown(ref, OwnRef(), now);
     publisher_->HandlePull(*pull, now);
   }
-  if (const auto* pull = std::get_if<scan_pull_t>(&message)) publisher_->HandleScanPull(*pull, now);
-  const auto* digest = std::get_if<layer_digest_t>(&message);
+  if (const auto* pull = std::get_if<scan_pull_t>(&message.content)) {
+    publisher_->HandleScanPull(*pull, now);
+  }
+  const auto* digest = std::get_if<layer_digest_t>(&message.content);
   if (digest == nullptr) return;
   const LayerRef ref = FromMessage(digest->layer);
   if (ref.id.name == own_.id.name && ref.id != own_.id && IsOwners(*digest) &&
@@ -107,7 +107,18 @@ absl::Status LayerExchange::Edit(const LayerId& id, Change change) {
   if (!session) {
     return NotFound("{} has no layer {} of origin {:016x}", own_.id.name, id.name, id.origin);
   }
+  if (keys_ != nullptr && !keys_->own().decides) {
+    return absl::PermissionDeniedError(fmt::format(
+        "the key of {} may not decide about layers, so that nobody else would: give the command to "
+        "a daemon whose key may (--robot), or let this one: splinemap keys trust .. --decides",
+        own_.id.name));
+  }
   LayerSettings settings = follower_.settings().Next(id, speaker_);
+  // Robots that may not decide may have kept what a daemon decided that is not known here.
+  settings.counter =
+      std::max(settings.counter, std::min(admission_.passed_counter(),
+                                          settings.counter + LayerSettings::kMaxSettingsAhead - 2) +
+                                     1);
   SPLINEMAP_RETURN_IF_ERROR(change(*session, settings));
   if (!settings.IsValid()) {
     return InvalidArgument("settings of {} that cannot be", id.name);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "lib/replication/admission.h"
 #include "lib/replication/byte_budget.h"
 #include "lib/replication/map_follower.h"
 #include "lib/replication/pyramid_publisher.h"
@@ -45,7 +46,8 @@ class LayerExchange {
 
   // Changes the settings of a layer that is here, its own too, in one step, by what `change` makes
   // of the newest ones. Its errors; NotFound; InvalidArgument for settings that cannot be;
-  // ResourceExhausted where too many layers have settings. After an error nothing is changed.
+  // ResourceExhausted where too many layers have settings; PermissionDenied where there are keys
+  // and others would not take it from this computer's. After an error nothing is changed.
   using Change = absl::FunctionRef<absl::Status(const SessionId& session, LayerSettings& settings)>;
   absl::Status Edit(const LayerId& id, Change change);
 
@@ -63,18 +65,22 @@ class LayerExchange {
 
   const MapFollower& follower() const { return follower_; }
   LayerSet FollowedLayers() { return follower_.Layers(); }
-  // Messages that are damaged or of another type.
-  int64_t malformed() const { return malformed_ + follower_.malformed(); }
+  // What became of messages.
+  const Admission& admission() const { return admission_; }
+  // Those that are damaged, of another type, or of sessions that nobody can have.
+  int64_t malformed() const { return admission_.malformed() + follower_.malformed(); }
 
  private:
   LayerRef OwnRef() const { return {own_.id, own_.session, {}}; }
-  void HandleAsOwner(const ReplicationMessage& message, Clock::time_point now);
+  void HandleAsOwner(const Admission::Message& message, Clock::time_point now);
   void Refill(Clock::time_point now);
 
   const PublisherOptions publisher_options_;
   const MapOptions map_options_;
   const uint64_t speaker_;
   const bool takes_settings_;
+  const std::shared_ptr<const KeyRing> keys_;
+  Admission admission_;
   LayerSnapshot own_;
   std::optional<PyramidPublisher> publisher_;  // always; of the present session
   MapFollower follower_;
@@ -84,7 +90,6 @@ class LayerExchange {
   bool heard_earlier_session_ = false;
   std::set<LayerId> known_names_;  // layers of the own name that were reported
   std::vector<LayerId> duplicate_names_;
-  int64_t malformed_ = 0;
 };
 
 }  // namespace splinemap

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <tuple>
 #include <utility>
 
 #include "absl/container/flat_hash_set.h"
@@ -89,6 +90,7 @@ LayerFollower::LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::ti
   last_spoken_for_ = now;
   BeginTree(kept.session);
   ReplaceTiles(kept);
+  kept_revision_ = kept.revision;
   is_established_ = true;
 }
 
@@ -115,6 +117,7 @@ void LayerFollower::StartSession(SessionId session, Clock::time_point now) {
 void LayerFollower::BeginTree(std::optional<SessionId> session) {
   ++version_;
   session_ = session;
+  kept_revision_ = 0;
   is_established_ = false;
   lesser_was_heard_ = false;
   digest_.reset();
@@ -177,6 +180,7 @@ void LayerFollower::CheckSession(Clock::time_point now) {
   }
   BeginTree(shown->session);
   ReplaceTiles(*shown);
+  kept_revision_ = shown->revision;
   is_established_ = true;
 }
 
@@ -192,6 +196,10 @@ void LayerFollower::HandleDigest(const layer_digest_t& digest, Clock::time_point
     return;
   }
   if (FromMessage(digest.layer).id != id_) return;
+  if (IsRecording(digest)) {
+    ++counts_.stale;
+    return;
+  }
   if (no_scans_until_ && now >= *no_scans_until_) no_scans_until_.reset();
   if (IsOwners(digest)) {
     HandleOwnersDigest(digest, now);
@@ -199,6 +207,20 @@ void LayerFollower::HandleDigest(const layer_digest_t& digest, Clock::time_point
     HandleProxyDigest(digest, now);
   }
   FoldWhatIsThere(now);
+}
+
+// An owner's of this session that says less than is known of it, or a proxy's from before.
+bool LayerFollower::IsRecording(const layer_digest_t& digest) const {
+  const LayerRef ref = FromMessage(digest.layer);
+  if (!is_signed_ || ref.session != session_ || ref.level_of_detail != subset_.level_of_detail) {
+    return false;
+  }
+  const auto& last = IsOwners(digest) ? owners_digest_ : proxy_digest_;
+  if (!IsOwners(digest)) {
+    return last && last->speaker == digest.speaker && digest.utime <= last->utime;
+  }
+  if (static_cast<uint64_t>(digest.revision) < std::max(revision_, kept_revision_)) return true;
+  return last && std::tie(digest.state, digest.utime) <= std::tie(last->state, last->utime);
 }
 
 void LayerFollower::HandleOwnersDigest(const layer_digest_t& digest, Clock::time_point now) {

@@ -66,6 +66,10 @@ class LayerFollower {
   // Beyond, tiles are not taken, and the copy is never in sync.
   void SetMaxTiles(size_t max_tiles) { max_tiles_ = max_tiles; }
 
+  // Digests are those of owners and proxies whose keys are trusted, or recorded ones: what is older
+  // than what came before is ignored for good, and shows nobody to be there.
+  void SetSigned(bool is_signed) { is_signed_ = is_signed; }
+
   // Messages of other layers and other levels are ignored, but for digests of the layer as it was
   // mapped: a follower of a coarser level learns from them whom to ask.
   // Those of proxies are ignored as long as the owner itself speaks.
@@ -138,6 +142,7 @@ class LayerFollower {
 
   void HandleOwnersDigest(const layer_digest_t& digest, Clock::time_point now);
   void HandleProxyDigest(const layer_digest_t& digest, Clock::time_point now);
+  bool IsRecording(const layer_digest_t& digest) const;
   // False where the message is none of this layer's present session. Sessions begin with a digest.
   bool Admit(const layer_ref_t& layer);
   void StartSession(SessionId session, Clock::time_point now);
@@ -190,6 +195,9 @@ class LayerFollower {
   std::shared_ptr<ScanFolder> folder_;
   RandomBackoff random_;
   size_t max_tiles_ = size_t{1} << 20;  // 2 GiB
+
+  bool is_signed_ = false;
+  uint64_t kept_revision_ = 0;  // of the copy that it began with, in its session
 
   std::optional<SessionId> session_;
   Clock::time_point session_since_;       // when it was first heard of

@@ -60,6 +60,7 @@ bool MatchesName(const std::string& pattern, const std::string& name) {
 MapFollower::MapFollower(FollowOptions options, uint64_t speaker)
     : options_(std::move(options)),
       speaker_(speaker),
+      admission_(options_.channel_prefix, options_.keys, speaker),
       seed_(speaker),
       gossip_({}, speaker),
       sum_(options_.level_of_detail) {}
@@ -69,6 +70,7 @@ MapFollower::MapFollower(FollowOptions options, KeeperOptions keeper, const Laye
     : options_(std::move(options)),
       keeper_(std::move(keeper)),
       speaker_(speaker),
+      admission_(options_.channel_prefix, options_.keys, speaker),
       seed_(speaker),
       gossip_(kept.settings, speaker),
       sum_(options_.level_of_detail) {
@@ -90,11 +92,7 @@ void MapFollower::UseOptions(const MapOptions& options) {
 
 void MapFollower::HandleBytes(absl::Span<const uint8_t> message, Clock::time_point now) {
   bytes_received_ += std::ssize(message);
-  if (const auto decoded = DecodeReplication(message); decoded.ok()) {
-    Handle(*decoded, now);
-  } else {
-    ++malformed_;
-  }
+  if (const auto admitted = admission_.Admit(message)) Handle(admitted->content, now);
 }
 
 bool MapFollower::Handle(const ReplicationMessage& message, Clock::time_point now) {
@@ -210,9 +208,11 @@ LayerFollower MapFollower::NewCopy(const LayerId& id) {
 
 void MapFollower::Add(const LayerId& id, LayerFollower copy) {
   ++version_;
+  copy.SetSigned(options_.keys != nullptr);
   Followed& followed = layers_.try_emplace(id, Followed{std::move(copy), nullptr}).first->second;
   if (MakesLevels()) followed.coarser.emplace(options_.level_of_detail, BoxFor(id));
   if (options_.region || options_.level_of_detail != LevelOfDetail{}) return;
+  if (options_.keys != nullptr && !options_.keys->own().answers) return;
   PublisherOptions publisher;
   if (keeper_) publisher.digest_interval = keeper_->digest_interval;
   followed.proxy = std::make_unique<ProxyPublisher>(

@@ -19,6 +19,7 @@
 #include "lcmtypes/splinemap/settings_t.hpp"
 #include "lib/map/summed_layers.h"
 #include "lib/mapping/scan_folder.h"
+#include "lib/replication/admission.h"
 #include "lib/replication/coarser_copy.h"
 #include "lib/replication/layer_follower.h"
 #include "lib/replication/proxy_publisher.h"
@@ -99,7 +100,9 @@ class MapFollower {
   void SetOwnLayer(LayerId id, uint64_t session_number);
 
   int64_t bytes_received() const { return bytes_received_; }
-  int64_t malformed() const { return malformed_; }
+  int64_t malformed() const { return malformed_ + admission_.malformed(); }
+  // Of HandleBytes().
+  const Admission& admission() const { return admission_; }
   bool is_full() const { return NumTiles() >= options_.max_tiles; }
   // Robots whose layers are not followed, and why: another knot interval or other limits than the
   // first layer's, another version of the protocol, too many layers.
@@ -150,6 +153,7 @@ class MapFollower {
   const FollowOptions options_;
   std::optional<KeeperOptions> keeper_;
   const uint64_t speaker_;
+  Admission admission_;
   uint64_t seed_;
   std::optional<MapOptions> map_options_;
   std::shared_ptr<ScanFolder> folder_;  // of all layers; null where tiles are taken

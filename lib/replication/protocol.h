@@ -6,6 +6,7 @@
 #include "lcmtypes/splinemap/layer_pull_t.hpp"
 #include "lcmtypes/splinemap/layer_ref_t.hpp"
 #include "lib/base/clock.h"
+#include "lib/wire/message_type.h"
 #include "splinemap/layer.h"
 #include "splinemap/level_of_detail.h"
 
@@ -13,7 +14,8 @@ namespace splinemap {
 
 // What owners and followers of layers agree on; lcmtypes/FOLLOWING.md describes it.
 inline constexpr int32_t kProtocolVersion = 3;
-inline constexpr size_t kMaxMessageBytes = 1400;  // one Ethernet frame
+// With a signature, which not all have, within one Ethernet frame.
+inline constexpr size_t kMaxMessageBytes = 1400 - kSignatureBytes;
 
 // One session of a layer at one level of detail.
 struct LayerRef {

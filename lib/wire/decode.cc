@@ -218,6 +218,15 @@ std::optional<request_t> RequestHeaderOf(absl::Span<const uint8_t> message) {
   return header;
 }
 
+std::optional<reply_t> ReplyHeaderOf(absl::Span<const uint8_t> message) {
+  const auto type = TypeOf(message);
+  if (!type || !IsReply(*type) || !CheckTypeAndSize(*type, message).ok()) return std::nullopt;
+  reply_t header;
+  const auto size = static_cast<int>(message.size() - kFingerprintBytes);
+  if (header._decodeNoHash(message.data(), kFingerprintBytes, size) < 0) return std::nullopt;
+  return header;
+}
+
 std::optional<int64_t> ReplyIdOf(absl::Span<const uint8_t> message) {
   const auto type = TypeOf(message);
   if (!type || !IsReply(*type) || message.size() < kFingerprintBytes + 8) return std::nullopt;

@@ -5,6 +5,7 @@
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
+#include "lcmtypes/splinemap/reply_t.hpp"
 #include "lcmtypes/splinemap/request_t.hpp"
 #include "lib/wire/message_type.h"
 
@@ -20,6 +21,9 @@ absl::StatusOr<Message> Decode(absl::Span<const uint8_t> message);
 
 // The header of a request of any type, without decoding the rest; nothing for what is no request.
 std::optional<request_t> RequestHeaderOf(absl::Span<const uint8_t> message);
+// The header of a reply of any type, without decoding the rest; nothing for what is no reply or has
+// a wrong size.
+std::optional<reply_t> ReplyHeaderOf(absl::Span<const uint8_t> message);
 // The id in the header of a reply of any type; nothing for what is no reply.
 std::optional<int64_t> ReplyIdOf(absl::Span<const uint8_t> message);
 

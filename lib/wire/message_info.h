@@ -39,7 +39,7 @@ class SizeWalk {
   }
 
   bool fits() const { return fits_; }
-  bool AtEnd() const { return fits_ && rest_.empty(); }
+  size_t bytes_left() const { return rest_.size(); }
 
  private:
   absl::Span<const uint8_t> rest_;

@@ -21,6 +21,19 @@ const MessageInfo* InfoOf(uint64_t fingerprint) {
 
 const MessageInfo& InfoOf(MessageType type) { return MessageInfos()[static_cast<size_t>(type)]; }
 
+// Those of robots are none of splinemap's business.
+bool CanBeSigned(MessageType type) {
+  return std::string_view(InfoOf(type).name).starts_with("splinemap.");
+}
+
+// Nothing where the fields go beyond the end.
+std::optional<size_t> BytesAfterFields(MessageType type, absl::Span<const uint8_t> message) {
+  SizeWalk walk(message);
+  walk.Skip(kFingerprintBytes);
+  InfoOf(type).walk(walk);
+  return walk.fits() ? std::optional(walk.bytes_left()) : std::nullopt;
+}
+
 }  // namespace
 
 const char* TypeName(MessageType type) { return InfoOf(type).name; }
@@ -84,14 +97,17 @@ absl::Status CheckUtime(int64_t utime) {
   return InvalidArgument("time stamp {} us is no plausible time", utime);
 }
 
+bool IsSigned(absl::Span<const uint8_t> message) {
+  const std::optional<MessageType> type = TypeOf(message);
+  return type && CanBeSigned(*type) && BytesAfterFields(*type, message) == kSignatureBytes;
+}
+
 absl::Status CheckTypeAndSize(MessageType type, absl::Span<const uint8_t> message) {
   if (TypeOf(message) != type) {
     return InvalidArgument("{}; expected a {}", Describe(message), TypeName(type));
   }
-  SizeWalk walk(message);
-  walk.Skip(kFingerprintBytes);
-  InfoOf(type).walk(walk);
-  if (walk.AtEnd()) return absl::OkStatus();
+  const std::optional<size_t> rest = BytesAfterFields(type, message);
+  if (rest == 0 || (rest == kSignatureBytes && CanBeSigned(type))) return absl::OkStatus();
   return InvalidArgument("{} whose counts do not fit its {} bytes", TypeName(type), message.size());
 }
 

@@ -14,6 +14,10 @@ namespace splinemap {
 // The bytes before the fields of every message.
 inline constexpr size_t kFingerprintBytes = 8;
 
+// What may follow the fields of splinemap's own messages: 8 bytes of a key and its signature, which
+// lib/signing checks. Decoders of LCM leave out what they do not know.
+inline constexpr size_t kSignatureBytes = 72;
+
 // As users know it: "bot_core.planar_lidar_t".
 const char* TypeName(MessageType type);
 // The same by fingerprint; empty for one that is not known.
@@ -43,7 +47,11 @@ Utime UtimeOf(absl::Span<const uint8_t> message);
 inline constexpr int64_t kMaxUtime = int64_t{230} * 365 * 86'400 * 1'000'000;
 absl::Status CheckUtime(int64_t utime);
 
-// InvalidArgument for another type, or where the counts do not fit the size.
+// Whether a signature follows the fields, right or not.
+bool IsSigned(absl::Span<const uint8_t> message);
+
+// InvalidArgument for another type, or where the counts do not fit the size, with a signature or
+// without.
 absl::Status CheckTypeAndSize(MessageType type, absl::Span<const uint8_t> message);
 
 }  // namespace splinemap

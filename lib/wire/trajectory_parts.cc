@@ -8,6 +8,10 @@
 
 namespace splinemap {
 
+std::string TrajectorySigning(const std::string& channel_prefix, uint64_t daemon_nonce) {
+  return fmt::format("{}_TRAJECTORY {:016x}", channel_prefix, daemon_nonce);
+}
+
 absl::StatusOr<std::optional<Trajectory>> TrajectoryParts::Add(absl::Span<const uint8_t> message) {
   SPLINEMAP_ASSIGN_OR_RETURN(const trajectory_t part, Decode<trajectory_t>(message));
   if (!part.robot.empty() && part.robot != robot_) return std::nullopt;

@@ -13,6 +13,10 @@
 
 namespace splinemap {
 
+// What the signature of a part is of, in place of the channel: with it, a part that was recorded is
+// of no use to another process of the daemon.
+std::string TrajectorySigning(const std::string& channel_prefix, uint64_t daemon_nonce);
+
 // Puts trajectories together from their parts, which come in any order. Thread-compatible.
 class TrajectoryParts {
  public:

@@ -7,6 +7,8 @@
 
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/status.h"
+#include "lib/signing/key_files.h"
+#include "lib/wire/encode.h"
 #include "services/splinemapd/command_handlers.h"
 #include "services/splinemapd/folding_thread.h"
 #include "services/splinemapd/map_saver.h"
@@ -23,9 +25,24 @@
 namespace splinemap {
 namespace {
 
-FollowOptions FollowOptionsOf(const config::Config& config) {
+using Keys = std::shared_ptr<const KeyRing>;
+
+// Null where there are none.
+absl::StatusOr<Keys> KeysOf(const config::Config& config) {
+  if (config.keys().empty()) return nullptr;
+  SPLINEMAP_ASSIGN_OR_RETURN(Keys keys, KeyRing::Read(config.keys()));
+  const std::string name = RobotName(config);
+  if (keys->own().Maps(name)) return keys;
+  return FailedPrecondition(
+      "the key of this computer is not trusted to map {0}, so that nobody would believe it; on all "
+      "computers: splinemap keys trust {1} {0} {2} --maps {0}",
+      name, config.keys(), KeyText(keys->own().key));
+}
+
+FollowOptions FollowOptionsOf(const config::Config& config, Keys keys) {
   const config::Service& service = config.service();
   FollowOptions follow;
+  follow.keys = std::move(keys);
   follow.channel_prefix = config.channel_prefix();
   follow.names = {service.follow().begin(), service.follow().end()};
   // A log of everything, replayed to a robot's daemon, must not count twice.
@@ -59,15 +76,15 @@ void Log(bool is_problem, const std::string& text) {
 
 // In the order in which they are made; each uses those above it.
 struct Daemon::Parts {
-  Parts(const config::Config& config, LcmBus& bus, NoticeLog& notices, MapFile file,
-        StoredMap stored, TileBudget budget)
+  Parts(const config::Config& config, const Keys& keys, LcmBus& bus, NoticeLog& notices,
+        MapFile file, StoredMap stored, TileBudget budget)
       : newest(stored.options, OwnOf(stored), budget.memory()),
         saver(std::move(file), newest, notices),
         receiving(bus, notices),
         mapping(config, stored.options, std::move(stored.own), std::move(stored.archive), newest,
                 saver, notices),
-        folding(config, stored.options, newest, mapping, notices),
-        replication(bus, FollowOptionsOf(config), PublisherOptionsOf(config.service()),
+        folding(config, keys, stored.options, newest, mapping, notices),
+        replication(bus, FollowOptionsOf(config, keys), PublisherOptionsOf(config.service()),
                     stored.others, newest, notices),
         handlers(config.service().remote_commands(), newest, mapping, folding, replication, saver,
                  notices),
@@ -78,7 +95,8 @@ struct Daemon::Parts {
             },
             [this](const std::vector<uint8_t>& command, RequestServer::Done done) {
               handlers.Execute(command, std::move(done));
-            }),
+            },
+            keys),
         reporter(config, {newest, notices, receiving, mapping, replication, requests, saver},
                  std::move(budget)) {
     threads.Add("receives", receiving.steps());
@@ -104,6 +122,7 @@ struct Daemon::Parts {
 absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& asked,
                                                       std::unique_ptr<LcmBus> bus) {
   SPLINEMAP_RETURN_IF_ERROR(CheckConfig(asked));
+  SPLINEMAP_ASSIGN_OR_RETURN(Keys keys, KeysOf(asked));
   TileBudget budget(size_t{asked.service().max_memory_mb()} << 20);
   SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(MapPath(asked), budget.memory()));
   auto notices = std::make_unique<NoticeLog>(&Log);
@@ -121,8 +140,13 @@ absl::StatusOr<std::unique_ptr<Daemon>> Daemon::Start(const config::Config& aske
   if (!stored.others.layers.empty()) {
     spdlog::info("map {}: {} layers of others", MapPath(config), stored.others.layers.size());
   }
+  if (keys != nullptr) {
+    spdlog::info("keys {}: signs what it publishes, and believes {} trusted keys alone",
+                 config.keys(), keys->trusted().size());
+  }
   std::unique_ptr<Daemon> daemon(new Daemon(config, std::move(bus), std::move(notices)));
-  daemon->parts_ = std::make_unique<Parts>(config, *daemon->bus_, *daemon->notices_,
+  daemon->keys_ = keys;
+  daemon->parts_ = std::make_unique<Parts>(config, keys, *daemon->bus_, *daemon->notices_,
                                            std::move(file), std::move(stored), std::move(budget));
   SPLINEMAP_RETURN_IF_ERROR(daemon->StartThreads());
   return daemon;
@@ -197,7 +221,8 @@ void Daemon::PublishStatus() {
     published->status = *std::move(status);
   }
   if (auto layers = parts_->reporter.LayersToPublish(now)) {
-    bus_->Publish(config_.channel_prefix() + "_LAYERS", *layers);
+    const std::string channel = config_.channel_prefix() + "_LAYERS";
+    bus_->PublishBytes(channel, Signed(keys_.get(), channel, Encode(*layers)));
     published->layers = *std::move(layers);
   }
   MutexLock lock(mutex_);

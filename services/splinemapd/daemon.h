@@ -12,6 +12,7 @@
 #include "lib/config/config.h"
 #include "lib/wire/lcm_bus.h"
 #include "services/splinemapd/notice_log.h"
+#include "splinemap/key_ring.h"
 
 namespace splinemap {
 
@@ -54,6 +55,7 @@ class Daemon {
   absl::Status StartThreads();
 
   config::Config config_;
+  std::shared_ptr<const KeyRing> keys_;
   std::unique_ptr<LcmBus> bus_;
   std::unique_ptr<NoticeLog> notices_;
   std::unique_ptr<Parts> parts_;

@@ -22,6 +22,8 @@ constexpr std::chrono::seconds kLongestStep(60);
 // Of trajectories that come one after the other. Each makes another session, which followers show
 // when it is two seconds old and whole.
 constexpr std::chrono::seconds kCorrectionInterval(5);
+// Each takes some 150 bytes.
+constexpr size_t kMaxSignatures = 100'000;
 constexpr const char* kTrajectory = "TRAJECTORY";
 constexpr const char* kPlacement = "PLACEMENT";
 
@@ -33,9 +35,13 @@ bool Covers(const Trajectory& newer, const Trajectory& older) {
 
 }  // namespace
 
-FoldingThread::FoldingThread(const config::Config& config, const MapOptions& options,
-                             NewestMap& newest, MappingThread& mapping, NoticeLog& notices)
-    : options_(options),
+FoldingThread::FoldingThread(const config::Config& config, std::shared_ptr<const KeyRing> keys,
+                             const MapOptions& options, NewestMap& newest, MappingThread& mapping,
+                             NoticeLog& notices)
+    : keys_(std::move(keys)),
+      signing_(TrajectorySigning(config.channel_prefix(), newest.Own().session.nonce)),
+      robot_(RobotName(config)),
+      options_(options),
       forget_after_(static_cast<int64_t>(config.service().forget_after_min() * 60e6)),
       newest_(newest),
       mapping_(mapping),
@@ -89,9 +95,29 @@ void FoldingThread::HandlePlacement(absl::Span<const uint8_t> message) {
   mailbox_.Push(kPlacement, message);
 }
 
+// Each part is taken once, so that an old trajectory does not come back.
+absl::Status FoldingThread::CheckSigner(absl::Span<const uint8_t> trajectory) {
+  if (keys_ == nullptr) return absl::OkStatus();
+  SPLINEMAP_ASSIGN_OR_RETURN(const TrustedKey* key, keys_->SignerOf(signing_, trajectory));
+  if (!key->decides && !key->Maps(robot_)) {
+    return absl::PermissionDeniedError(
+        fmt::format("signed by {}, whose key may neither map {} nor decide", key->name, robot_));
+  }
+  if (signatures_.size() >= kMaxSignatures) {
+    return absl::ResourceExhaustedError(fmt::format(
+        "{} parts were taken, which is the most; start splinemapd again", kMaxSignatures));
+  }
+  const absl::Span<const uint8_t> signature = trajectory.last(kSignatureBytes);
+  if (signatures_.emplace(signature.begin(), signature.end()).second) return absl::OkStatus();
+  return absl::AlreadyExistsError("");
+}
+
 void FoldingThread::ReceiveTrajectory(absl::Span<const uint8_t> message) {
-  absl::StatusOr<std::optional<Trajectory>> trajectory = trajectory_parts_.Add(message);
-  absl::Status status = trajectory.status();
+  absl::Status status = CheckSigner(message);
+  if (absl::IsAlreadyExists(status)) return;
+  absl::StatusOr<std::optional<Trajectory>> trajectory =
+      status.ok() ? trajectory_parts_.Add(message) : status;
+  status = trajectory.status();
   if (trajectory.ok() && !*trajectory) return;
   if (status.ok()) status = CheckTrajectory(**trajectory);
   if (!status.ok()) {

@@ -2,9 +2,12 @@
 
 #include <chrono>
 #include <functional>
+#include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
@@ -15,6 +18,7 @@
 #include "services/splinemapd/mapping_thread.h"
 #include "services/splinemapd/newest_map.h"
 #include "services/splinemapd/notice_log.h"
+#include "splinemap/key_ring.h"
 
 namespace splinemap {
 
@@ -26,9 +30,11 @@ class FoldingThread {
   using Done = std::function<void(const absl::Status&)>;
   using EditOf = std::function<absl::StatusOr<ArchiveEdit>(const ScanArchive&)>;
 
-  // The others outlive it.
-  FoldingThread(const config::Config& config, const MapOptions& options, NewestMap& newest,
-                MappingThread& mapping, NoticeLog& notices);
+  // The others outlive it. With keys, trajectories are taken that are signed by who maps the own
+  // layer or decides.
+  FoldingThread(const config::Config& config, std::shared_ptr<const KeyRing> keys,
+                const MapOptions& options, NewestMap& newest, MappingThread& mapping,
+                NoticeLog& notices);
 
   void Start();
 
@@ -47,6 +53,7 @@ class FoldingThread {
 
  private:
   void Run(const std::stop_token& stop);
+  absl::Status CheckSigner(absl::Span<const uint8_t> trajectory);
   void ReceiveTrajectory(absl::Span<const uint8_t> message);
   void FoldTrajectory();
   void ReceivePlacement(absl::Span<const uint8_t> message);
@@ -54,6 +61,9 @@ class FoldingThread {
   void FoldNow(const std::string& what, const EditOf& edit_of, const Done& done);
   absl::StatusOr<std::string> TryFold(const EditOf& edit_of);
 
+  const std::shared_ptr<const KeyRing> keys_;
+  const std::string signing_;  // what signatures of trajectories are of
+  const std::string robot_;
   const MapOptions options_;
   const Utime forget_after_;
   NewestMap& newest_;
@@ -61,7 +71,8 @@ class FoldingThread {
   NoticeLog& notices_;
   Mailbox mailbox_;
   TrajectoryParts trajectory_parts_;
-  std::optional<Trajectory> trajectory_;  // the newest, not folded yet
+  std::set<std::vector<uint8_t>> signatures_;  // of the parts that were taken
+  std::optional<Trajectory> trajectory_;       // the newest, not folded yet
   Clock::time_point next_correction_;
   std::stop_token stop_;
   std::jthread folding_;

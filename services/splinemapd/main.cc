@@ -31,6 +31,7 @@ struct Flags {
   InputFlags input;
   std::string lcm_url;
   std::string map;
+  std::string keys;
   bool no_sensors = false;
   std::vector<std::string> follow;
   bool no_remote_commands = false;
@@ -60,6 +61,9 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_option("--map", flags.map, "Map file (default: NAME.splinemap)")->type_name("FILE");
   app.add_option("--lcm-url", flags.lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
       ->type_name("URL");
+  app.add_option("--keys", flags.keys,
+                 "Folder of splinemap keys: sign, and believe trusted keys alone (default: none)")
+      ->type_name("FOLDER");
   app.add_flag("--no-sensors", flags.no_sensors,
                "A base station: no scans, no poses, only the layers of others");
   app.add_option("--follow", flags.follow,
@@ -87,6 +91,7 @@ absl::StatusOr<config::Config> ConfigOf(const Flags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(config::Config config, splinemap::ConfigOf(flags.input));
   if (!flags.map.empty()) config.set_map(flags.map);
   if (!flags.lcm_url.empty()) config.set_lcm_url(flags.lcm_url);
+  if (!flags.keys.empty()) config.set_keys(flags.keys);
   if (flags.no_sensors) config.mutable_service()->set_sensors(false);
   if (!flags.follow.empty()) config.mutable_service()->clear_follow();
   for (const std::string& name : flags.follow) config.mutable_service()->add_follow(name);

@@ -33,6 +33,7 @@ ReplicationThread::ReplicationThread(LcmBus& bus, const FollowOptions& follow,
                                      NewestMap& newest, NoticeLog& notices)
     : bus_(bus),
       channel_prefix_(follow.channel_prefix),
+      keys_(follow.keys),
       speaker_(newest.Own().session.nonce),
       newest_(newest),
       notices_(notices),
@@ -217,7 +218,8 @@ void ReplicationThread::StartNewSession(LayerId id, SessionId session, bool is_e
 
 void ReplicationThread::Publish(const std::vector<ReplicationMessage>& messages) {
   for (const ReplicationMessage& message : messages) {
-    bus_.PublishBytes(ChannelOf(message, channel_prefix_), EncodeReplication(message));
+    const std::string channel = ChannelOf(message, channel_prefix_);
+    bus_.PublishBytes(channel, Signed(keys_.get(), channel, EncodeReplication(message)));
   }
 }
 
@@ -237,6 +239,8 @@ void ReplicationThread::UpdateReport(Clock::time_point now) {
   report_.refused_settings = follower.refused_settings();
   report_.ignored_settings = follower.ignored_settings();
   report_.malformed = exchange_.malformed();
+  report_.disbelieved = exchange_.admission().disbelieved();
+  report_.believed = exchange_.admission().believed();
   report_.dropped = mailbox_.dropped();
 }
 

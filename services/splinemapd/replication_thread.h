@@ -3,6 +3,8 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
+#include <map>
+#include <memory>
 #include <string>
 #include <thread>
 #include <utility>
@@ -62,7 +64,9 @@ class ReplicationThread {
     int64_t refused_settings = 0;  // that nobody can have made
     int64_t ignored_settings = 0;  // that are not taken here
     int64_t malformed = 0;         // messages
-    int64_t dropped = 0;           // messages that came faster than they were handled
+    std::map<absl::StatusCode, Admission::Disbelieved> disbelieved;
+    int64_t believed = 0;  // messages that are signed as they should be
+    int64_t dropped = 0;   // messages that came faster than they were handled
   };
   Report DrainReport();
   const WorkSteps& steps() { return mailbox_.steps(); }
@@ -88,6 +92,7 @@ class ReplicationThread {
 
   LcmBus& bus_;
   const std::string channel_prefix_;
+  const std::shared_ptr<const KeyRing> keys_;
   const uint64_t speaker_;
   NewestMap& newest_;
   NoticeLog& notices_;

@@ -20,6 +20,8 @@ constexpr std::ptrdiff_t kMaxPinnedOfLine = 8;
 constexpr size_t kMaxRefusalsWaiting = 16;
 constexpr size_t kMaxExecuting = 16;
 constexpr size_t kMaxRemembered = 64;  // replies to commands
+// Of 16 bytes each.
+constexpr size_t kMaxSignedCommands = size_t{1} << 20;
 
 bool IsCommand(absl::Span<const uint8_t> message) {
   const auto type = TypeOf(message);
@@ -29,12 +31,13 @@ bool IsCommand(absl::Span<const uint8_t> message) {
 }  // namespace
 
 RequestServer::RequestServer(std::string channel_prefix, NewestMap& newest, Send send,
-                             Execute execute)
+                             Execute execute, std::shared_ptr<const KeyRing> keys)
     : channel_prefix_(std::move(channel_prefix)),
       newest_(newest),
       daemon_nonce_(newest.Own().session.nonce),
       send_(std::move(send)),
       execute_(std::move(execute)),
+      keys_(std::move(keys)),
       newest_map_(newest.View()),
       serving_([this](const std::stop_token& stop) { Serve(stop); }) {}
 
@@ -64,7 +67,7 @@ void RequestServer::Handle(absl::Span<const uint8_t> message) {
       ++counts_.for_others;
       return;
     }
-    if (message.size() > kMaxRpcBytes) {
+    if (message.size() > kMaxRpcBytes + kSignatureBytes) {
       Refuse(*header, message,
              InvalidArgument("a request of {} bytes; at most {} are allowed", message.size(),
                              kMaxRpcBytes));
@@ -128,9 +131,35 @@ void RequestServer::AnswerQuery(const QueuedRequest& request) {
   Reply(request.header, reply);
 }
 
+absl::Status RequestServer::CheckSigner(absl::Span<const uint8_t> command) const {
+  if (keys_ == nullptr) return absl::OkStatus();
+  SPLINEMAP_ASSIGN_OR_RETURN(const TrustedKey* key,
+                             keys_->SignerOf(channel_prefix_ + kCommandChannel, command));
+  if (key->decides) return absl::OkStatus();
+  return absl::PermissionDeniedError(fmt::format(
+      "signed by {}, whose key may not decide: splinemap keys trust .. --decides", key->name));
+}
+
+// The sender of a command that was signed and then changed by somebody does not believe this.
+void RequestServer::RefuseSigner(const request_t& header, const absl::Status& why) {
+  {
+    MutexLock lock(mutex_);
+    ++counts_.disbelieved;
+    counts_.why = ErrorText(why);
+  }
+  command_reply_t reply;
+  reply.header = HeaderFor(header);
+  SetStatus(absl::PermissionDeniedError("the command is " + ErrorText(why)), reply.header);
+  Reply(header, Encode(reply), /*is_signed=*/absl::IsPermissionDenied(why));
+}
+
 // A command that is sent again gets the reply that there was.
 void RequestServer::ExecuteCommand(const QueuedRequest& request) {
   const request_t& header = request.header;
+  if (const absl::Status status = CheckSigner(request.bytes); !status.ok()) {
+    RefuseSigner(header, status);
+    return;
+  }
   const CommandId id{header.client, header.id};
   std::vector<uint8_t> reply;
   {
@@ -155,6 +184,17 @@ void RequestServer::ExecuteCommand(const QueuedRequest& request) {
   }
   if (header.daemon_nonce == 0) {
     ReplyToCommand(header, InvalidArgument("a command must name its daemon: daemon_nonce is 0"));
+    return;
+  }
+  if (keys_ != nullptr && signed_commands_.size() >= kMaxSignedCommands) {
+    ReplyToCommand(header, absl::ResourceExhaustedError(fmt::format(
+                               "{} signed commands were executed, which is the most; start "
+                               "splinemapd again",
+                               kMaxSignedCommands)));
+    return;
+  }
+  if (keys_ != nullptr && !signed_commands_.insert(id).second) {
+    ReplyToCommand(header, FailedPrecondition("the command was executed before"));
     return;
   }
   execute_(request.bytes,
@@ -223,8 +263,11 @@ reply_t RequestServer::HeaderFor(const request_t& request) const {
   return header;
 }
 
-void RequestServer::Reply(const request_t& request, absl::Span<const uint8_t> reply) const {
-  send_(ReplyChannel(channel_prefix_, static_cast<uint64_t>(request.client)), reply);
+void RequestServer::Reply(const request_t& request, std::vector<uint8_t> reply,
+                          bool is_signed) const {
+  const std::string channel = ReplyChannel(channel_prefix_, static_cast<uint64_t>(request.client));
+  if (is_signed && keys_ != nullptr) keys_->Sign(channel, reply);
+  send_(channel, reply);
 }
 
 }  // namespace splinemap

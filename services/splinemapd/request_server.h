@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "absl/container/flat_hash_set.h"
 #include "absl/status/status.h"
 #include "absl/types/span.h"
 #include "lcmtypes/splinemap/reply_t.hpp"
@@ -18,6 +19,7 @@
 #include "services/splinemapd/newest_map.h"
 #include "services/splinemapd/request_queue.h"
 #include "services/splinemapd/work_steps.h"
+#include "splinemap/key_ring.h"
 #include "splinemap/local_map.h"
 
 namespace splinemap {
@@ -33,8 +35,10 @@ class RequestServer {
   // Executes an encoded command; `done` may be called by any thread, then or later.
   using Execute = std::function<void(const std::vector<uint8_t>& command, Done done)>;
 
-  // `newest` outlives it.
-  RequestServer(std::string channel_prefix, NewestMap& newest, Send send, Execute execute);
+  // `newest` outlives it. With keys, replies are signed, and commands are executed that are signed
+  // with one that may decide: each once, also where it was recorded and is sent again later.
+  RequestServer(std::string channel_prefix, NewestMap& newest, Send send, Execute execute,
+                std::shared_ptr<const KeyRing> keys = nullptr);
   ~RequestServer();
 
   // The channels of requests.
@@ -45,8 +49,10 @@ class RequestServer {
 
   struct Counts {
     int64_t malformed = 0;
-    int64_t for_others = 0;  // of another nonce, ignored
-    int64_t refused = 0;     // beyond the queue or the size of a message
+    int64_t for_others = 0;   // of another nonce, ignored
+    int64_t refused = 0;      // beyond the queue or the size of a message
+    int64_t disbelieved = 0;  // commands whose signature is not what it should be
+    std::string why;          // the last of these
   };
   Counts counts() const;
   const WorkSteps& steps() const { return steps_; }
@@ -79,18 +85,21 @@ class RequestServer {
   void Serve(const std::stop_token& stop);
   void AnswerQuery(const QueuedRequest& request);
   void ExecuteCommand(const QueuedRequest& request);
+  absl::Status CheckSigner(absl::Span<const uint8_t> command) const;
+  void RefuseSigner(const request_t& header, const absl::Status& why);
   void ReplyToCommand(const request_t& header, const absl::Status& status);
   // Valid until the next call.
   const LocalMap& MapFor(const QueuedRequest& request);
   void UseNewest();
   reply_t HeaderFor(const request_t& request) const;
-  void Reply(const request_t& request, absl::Span<const uint8_t> reply) const;
+  void Reply(const request_t& request, std::vector<uint8_t> reply, bool is_signed = true) const;
 
   const std::string channel_prefix_;
   NewestMap& newest_;
   const uint64_t daemon_nonce_;
   const Send send_;
   const Execute execute_;
+  const std::shared_ptr<const KeyRing> keys_;
   mutable Mutex mutex_;
   ConditionVariable handled_;
   RequestQueue queue_ ABSL_GUARDED_BY(mutex_);
@@ -100,6 +109,7 @@ class RequestServer {
   std::deque<ExecutedCommand> executed_ ABSL_GUARDED_BY(mutex_);  // the last ones
   WorkSteps steps_;
   // Of the thread.
+  absl::flat_hash_set<CommandId> signed_commands_;  // that were executed
   LocalMap newest_map_;
   std::deque<PinnedMap> pinned_;  // the last used last
   std::jthread serving_;

@@ -174,6 +174,10 @@ void StatusReporter::CheckRequests() {
         fmt::format("refused {} requests of clients that ask more than can be answered", more),
         more);
   }
+  if (const int64_t more = Growth("disbelieved commands", counts.disbelieved); more > 0) {
+    parts_.notices.ReportProblem(Problem::kDisbelieved, "commands",
+                                 fmt::format("refused {} commands {}", more, counts.why), more);
+  }
   if (const int64_t more = Growth("malformed requests", counts.malformed); more > 0) {
     parts_.notices.ReportProblem(
         Problem::kMalformedMessages, "requests",
@@ -189,6 +193,16 @@ void StatusReporter::CheckReplication(const ReplicationThread::Report& report) {
         Problem::kMalformedMessages, "layers",
         fmt::format("ignored {} messages on channels of layers that are damaged or of another type",
                     more),
+        more);
+  }
+  for (const auto& [code, disbelieved] : report.disbelieved) {
+    const std::string subject = absl::StatusCodeToString(code);
+    const int64_t more = Growth("disbelieved " + subject, disbelieved.count);
+    if (more == 0) continue;
+    parts_.notices.ReportProblem(
+        Problem::kDisbelieved, subject,
+        fmt::format("ignored {} messages about layers {}{}", more, disbelieved.why,
+                    report.believed > 0 ? "" : "; none was heard that is to be believed"),
         more);
   }
   if (const int64_t more = Growth("dropped", report.dropped); more > 0) {

@@ -56,8 +56,9 @@ BusWatch::BusWatch(std::unique_ptr<LcmBus> bus, const WatchOptions& options,
     : options_(options),
       on_news_(std::move(on_news)),
       bus_(std::move(bus)),
+      admission_(options.channel_prefix, options.keys, /*speaker=*/0),
       scans_(options.scans, options.poses.empty() ? "" : options.poses[0]),
-      caller_(*bus_, options.channel_prefix) {}
+      caller_(*bus_, options.channel_prefix, options.keys) {}
 
 BusWatch::~BusWatch() = default;
 
@@ -105,8 +106,9 @@ void BusWatch::HandleStatus(absl::Span<const uint8_t> message) {
 }
 
 void BusWatch::HandleLayers(absl::Span<const uint8_t> message) {
-  const absl::StatusOr<layers_t> layers = Decode<layers_t>(message);
-  if (!layers.ok()) return;
+  const auto admitted = admission_.Admit(message);
+  const auto* layers = admitted ? std::get_if<layers_t>(&admitted->content) : nullptr;
+  if (layers == nullptr) return;
   const Clock::time_point now = Clock::now();
   MutexLock lock(mutex_);
   for (const layer_status_t& layer : layers->layers) {

@@ -14,6 +14,7 @@
 #include "lib/base/clock.h"
 #include "lib/base/mutex.h"
 #include "lib/replica/caller.h"
+#include "lib/replication/admission.h"
 #include "lib/wire/lcm_bus.h"
 #include "services/viewer/placed_scans.h"
 #include "splinemap/layer.h"
@@ -24,7 +25,8 @@ namespace splinemap {
 // Which channels are shown beside the map.
 struct WatchOptions {
   std::string channel_prefix = "SPLINEMAP";
-  std::vector<std::string> poses;  // empty: all that carry poses
+  std::shared_ptr<const KeyRing> keys;  // null: none
+  std::vector<std::string> poses;       // empty: all that carry poses
   std::vector<config::Scan> scans;
   std::vector<std::string> paths;  // empty: all that carry paths
 };
@@ -83,6 +85,7 @@ class BusWatch {
   const WatchOptions options_;
   const std::function<void()> on_news_;
   const std::unique_ptr<LcmBus> bus_;
+  Admission admission_;  // of its thread
   PlacedScans scans_;
   mutable Mutex mutex_;
   Caller caller_ ABSL_GUARDED_BY(mutex_);

@@ -28,6 +28,7 @@ struct Flags {
   ServerOptions server;
   std::vector<std::string> scans;
   std::string token_file;
+  std::string keys;
 };
 
 constexpr const char* kExamples = R"(
@@ -63,6 +64,9 @@ void AddFlags(CLI::App& app, Flags& flags) {
   app.add_option("--lcm-url", flags.viewer.lcm_url, "LCM bus (default: LCM_DEFAULT_URL)")
       ->type_name("URL");
   app.add_option("--prefix", flags.viewer.watch.channel_prefix, "channel_prefix of the daemons");
+  app.add_option("--keys", flags.keys,
+                 "Folder of splinemap keys: sign, and believe trusted keys alone")
+      ->type_name("FOLDER");
   app.add_option("--scan", flags.scans,
                  "Scan channel to show, as splinemapd takes it; more than once for several")
       ->type_name("CHANNEL[:PRESET][,OPTION=VALUE]...")
@@ -93,6 +97,9 @@ absl::Status Complete(Flags& flags) {
     return InvalidArgument(
         "the map of a file is shown alone: leave out --pose, --scan and "
         "--allow-commands");
+  if (!flags.keys.empty()) {
+    SPLINEMAP_ASSIGN_OR_RETURN(flags.viewer.watch.keys, KeyRing::Read(flags.keys));
+  }
   if (flags.token_file.empty()) return absl::OkStatus();
   SPLINEMAP_ASSIGN_OR_RETURN(const std::string text, ReadFile(flags.token_file));
   flags.server.token = std::string(absl::StripAsciiWhitespace(text));

@@ -49,6 +49,7 @@ absl::StatusOr<std::unique_ptr<Viewer>> Viewer::Open(asio::io_context& io,
   if (options.map.empty()) {
     FollowOptions follow;
     follow.channel_prefix = options.watch.channel_prefix;
+    follow.keys = options.watch.keys;
     SPLINEMAP_ASSIGN_OR_RETURN(viewer->map_, FollowMap(options.lcm_url, follow, nudge));
     SPLINEMAP_ASSIGN_OR_RETURN(viewer->bus_,
                                BusWatch::Start(options.lcm_url, options.watch, nudge));
@@ -262,6 +263,7 @@ absl::Status Viewer::Mute(const std::string& body) {
     ClientOptions client_options;
     client_options.channel_prefix = options_.watch.channel_prefix;
     client_options.robot = heard.value.daemon;
+    client_options.keys = options_.watch.keys;
     SPLINEMAP_ASSIGN_OR_RETURN(const auto client,
                                MapClient::Connect(options_.lcm_url, client_options));
     const LayerCommand command = muted.get<bool>() ? LayerCommand::kMute : LayerCommand::kUnmute;

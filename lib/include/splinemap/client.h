@@ -17,9 +17,14 @@
 
 namespace splinemap {
 
+class KeyRing;  // splinemap/key_ring.h
+
 struct ClientOptions {
   std::string channel_prefix = "SPLINEMAP";
   std::string robot;  // empty: the first that answers
+  // Signs commands, and no other replies are believed than those of daemons whose keys are trusted.
+  // Null: nothing is signed, and all are.
+  std::shared_ptr<const KeyRing> keys;
   // Of Connect() and Ask().
   std::chrono::milliseconds deadline{2000};
 };

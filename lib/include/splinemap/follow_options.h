@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -12,9 +13,13 @@
 
 namespace splinemap {
 
+class KeyRing;  // splinemap/key_ring.h
+
 // Which layers to follow, and what of them.
 struct FollowOptions {
   std::string channel_prefix = "SPLINEMAP";
+  // Null: nothing is signed, and whatever is on the bus is believed.
+  std::shared_ptr<const KeyRing> keys;
   std::vector<std::string> names;  // of robots, or patterns with * ? [..]; empty: all
   std::optional<Region> region;    // in the map frame; none: all of the map
   // Coarser levels: smoothed values, or the least or greatest log-odds of the squares of 2^level x

@@ -43,6 +43,8 @@ class MapReplica : public QueryableMap {
   bool IsCaughtUp() const;
   // Robots whose layers are not followed, and why.
   std::vector<std::string> Refused() const;
+  // Where there are keys: how many messages are not believed, and why.
+  std::vector<std::string> Disbelieved() const;
   int64_t BytesReceived() const;
   // Why the bus does not work at the moment, and what to do; empty while it does.
   std::string BusProblem() const;
