@@ -44,19 +44,13 @@ absl::Status CheckAll(const Query& query) {
   return Check(query);
 }
 
-// A daemon replies in the name of the robot whose layer it maps. What others say is told, no more.
-absl::Status CheckSigner(const KeyRing& keys, const std::string& channel,
+// A daemon replies in the name of the robot whose layer it maps.
+absl::Status CheckSigner(const KeyRing& keys, const std::string& channel, const reply_t& header,
                          absl::Span<const uint8_t> message) {
-  const std::optional<reply_t> header = ReplyHeaderOf(message);
-  if (!header) return InvalidArgument("it is damaged");
-  const absl::StatusOr<const TrustedKey*> key = keys.SignerOf(channel, message);
-  if (key.ok() && (*key)->Maps(header->name)) return absl::OkStatus();
-  const std::string why = key.ok() ? fmt::format("signed by {}, whose key may not map {}",
-                                                 (*key)->name, PlainText(header->name))
-                                   : ErrorText(key.status());
-  if (header->status_text.empty()) return absl::UnauthenticatedError(why);
-  return absl::UnauthenticatedError(
-      fmt::format("{}; it says: {}", why, PlainText(header->status_text)));
+  SPLINEMAP_ASSIGN_OR_RETURN(const TrustedKey* key, keys.SignerOf(channel, message));
+  if (key->Maps(header.name)) return absl::OkStatus();
+  return absl::PermissionDeniedError(
+      fmt::format("signed by {}, whose key may not map {}", key->name, PlainText(header.name)));
 }
 
 }  // namespace
@@ -153,14 +147,18 @@ void MapClient::Impl::Run(const std::stop_token& stop) {
 }
 
 void MapClient::Impl::Receive(const std::string& channel, absl::Span<const uint8_t> message) {
+  const std::optional<reply_t> header = ReplyHeaderOf(message);
+  if (!header) return;
   const absl::Status status =
-      keys_ == nullptr ? absl::OkStatus() : CheckSigner(*keys_, channel, message);
+      keys_ == nullptr ? absl::OkStatus() : CheckSigner(*keys_, channel, *header, message);
   MutexLock lock(mutex_);
   if (status.ok()) {
     flow_.HandleMessage(message, Clock::now());
-  } else {
-    flow_.HandleDisbelieved(ErrorText(status));
+    return;
   }
+  std::string why = ErrorText(status);
+  if (header->status != 0) why += "; it says: " + PlainText(header->status_text);
+  flow_.HandleDisbelieved(why, header->status != 0);
 }
 
 void MapClient::Impl::Publish(const std::vector<RequestFlow::Outgoing>& outgoing) const {

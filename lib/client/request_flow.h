@@ -72,8 +72,10 @@ class RequestFlow {
 
   // Any bytes from ReplyChannel().
   void HandleMessage(absl::Span<const uint8_t> message, Clock::time_point now);
-  // A reply that is not believed, and why: said where a request fails.
-  void HandleDisbelieved(std::string why) { disbelieved_ = std::move(why); }
+  // A reply that is not believed, and why: said where a request fails, a refusal before others.
+  void HandleDisbelieved(std::string why, bool is_refusal) {
+    if (is_refusal || disbelieved_.empty()) disbelieved_ = std::move(why);
+  }
   // Sends again, and ends what is over its deadline. Call it often.
   void Tick(Clock::time_point now);
 
@@ -140,7 +142,7 @@ class RequestFlow {
   std::map<int64_t, Request> requests_;
   std::deque<int64_t> turns_;     // requests that have chunks to send
   std::map<int64_t, Sent> sent_;  // by id: chunks without a reply so far
-  std::string disbelieved_;       // the last such reply; empty where there was none
+  std::string disbelieved_;       // why a reply was not believed; empty where all were
   std::vector<Outgoing> outgoing_;
   std::vector<Finished> finished_;
 };

@@ -42,6 +42,7 @@
 #include "tests/fuzz/fuzz.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"
+#include "tests/support/test_keys.h"
 
 namespace splinemap {
 namespace {
@@ -147,6 +148,10 @@ class CorpusMaker {
 
     digest.speaker = 4;
     WriteMessage("layer_digest/of_proxy", 0, digest);
+    const auto robot = *KeyRing::Make(TestSecret(1), {});
+    Write("admission/of_proxy", SignedMessage(robot.get(), digest));
+    Write("admission/of_stranger", SignedMessage(KeyRing::Make(TestSecret(2), {})->get(), digest));
+    Write("admission/unsigned", Encode(digest));
 
     trajectory_t trajectory{};
     trajectory.num_parts = 1;
@@ -167,6 +172,7 @@ class CorpusMaker {
       one.name = "robot";
     }
     WriteMessage("settings/two", 0, settings);
+    Write("admission/settings", SignedMessage(robot.get(), settings));
 
     layers_t layers{};
     layers.name = "robot";
@@ -196,6 +202,7 @@ class CorpusMaker {
       updates.tiles.push_back(update);
     }
     WriteMessage("layer_updates/two_tiles", 0, updates);
+    Write("admission/updates", SignedMessage(robot.get(), updates));
 
     layer_listing_t listing{};
     listing.speaker = 3;

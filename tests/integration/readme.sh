@@ -8,7 +8,7 @@ fi
 # shellcheck source=tests/integration/support.sh
 source "$1/tests/integration/support.sh" "$1"
 
-declare -A not_run=([builds]=0 [systemd]=0 [takes-minutes]=0 [opens-a-window]=0 [viewer]=0)
+declare -A not_run=([builds]=0 [keys]=0 [systemd]=0 [takes-minutes]=0 [opens-a-window]=0 [viewer]=0)
 cd "$top"
 mapfile -t documents < <(find . -name '*.md' -not -path './build/*' -not -path './.*' \
   -not -path '*/node_modules/*' |

@@ -26,6 +26,7 @@
 #include "tests/support/placement.h"
 #include "tests/support/random_map.h"
 #include "tests/support/scan_mapper.h"
+#include "tests/support/test_keys.h"
 
 namespace splinemap::fleet_test {
 
@@ -80,6 +81,8 @@ class Robot {
     file_.own_layer = LayerId{std::move(name), random_()};
   }
 
+  // Before it is started.
+  void SetKeys(std::shared_ptr<const KeyRing> keys) { keys_ = std::move(keys); }
   bool is_running() const { return map_ != nullptr; }
   const LayerId& id() const { return *file_.own_layer; }
 
@@ -97,8 +100,9 @@ class Robot {
                    : &map_->ContinueLayer(*own, session);
     }
     mapper_.emplace(Folder());
-    exchange_ =
-        std::make_unique<LayerExchange>(FollowOptions{}, PublisherOptions{}, Own(), file_, now);
+    FollowOptions follow;
+    follow.keys = keys_;
+    exchange_ = std::make_unique<LayerExchange>(follow, PublisherOptions{}, Own(), file_, now);
     Save();  // the new session
   }
   void Stop() {
@@ -207,10 +211,11 @@ class Robot {
   }
 
  private:
-  static std::vector<std::vector<uint8_t>> Encoded(
-      const std::vector<ReplicationMessage>& messages) {
+  std::vector<std::vector<uint8_t>> Encoded(const std::vector<ReplicationMessage>& messages) const {
     std::vector<std::vector<uint8_t>> bytes;
-    for (const ReplicationMessage& message : messages) bytes.push_back(EncodeReplication(message));
+    for (const ReplicationMessage& message : messages) {
+      bytes.push_back(SignedMessage(keys_.get(), message));
+    }
     return bytes;
   }
 
@@ -218,6 +223,7 @@ class Robot {
 
   Random& random_;
   const bool has_scans_;
+  std::shared_ptr<const KeyRing> keys_;
   std::optional<ScanMapper> mapper_;
   std::vector<std::pair<SessionId, SentScan>> said_;  // since the last Tick()
   bool is_leaving_ = false;
@@ -230,15 +236,18 @@ class Robot {
 
 // Follows, and keeps nothing.
 struct Client {
-  explicit Client(uint64_t speaker) : follower(Options(speaker), speaker) {}
+  Client(uint64_t speaker, std::shared_ptr<const KeyRing> its_keys)
+      : keys(std::move(its_keys)), follower(Options(speaker, keys), speaker) {}
 
   // One in three takes tiles.
-  static FollowOptions Options(uint64_t speaker) {
+  static FollowOptions Options(uint64_t speaker, std::shared_ptr<const KeyRing> keys) {
     FollowOptions options;
+    options.keys = std::move(keys);
     options.takes_tiles = speaker % 3 == 0;
     return options;
   }
 
+  std::shared_ptr<const KeyRing> keys;
   MapFollower follower;
   ByteBudget budget{PublisherOptions().bytes_per_s};
 };
@@ -252,6 +261,13 @@ class Fleet {
           std::make_unique<Robot>("robot-" + std::to_string(n), (seed + n) % 4 != 0, random_));
     }
     for (int n = 0; n < clients; ++n) RestartClient(clients_.size());
+  }
+
+  // Before anybody is started: all sign, and a stranger sends recorded and forged messages.
+  void UseKeys() {
+    has_keys_ = true;
+    for (size_t n = 0; n < robots_.size(); ++n) robots_[n]->SetKeys(KeysOf(n));
+    for (size_t n = 0; n < clients_.size(); ++n) RestartClient(n);
   }
 
   Network& network() { return network_; }
@@ -278,7 +294,7 @@ class Fleet {
   }
   void RestartClient(size_t n) {
     if (n == clients_.size()) clients_.emplace_back();
-    clients_[n] = std::make_shared<Client>(random_());
+    clients_[n] = std::make_shared<Client>(random_(), KeysOf(robots_.size()));
   }
   MapFollower& client(size_t n) { return clients_[n]->follower; }
   size_t num_clients() const { return clients_.size(); }
@@ -297,9 +313,10 @@ class Fleet {
       for (const auto& client : clients_) {
         client->budget.Refill(now, false, client->follower.HasPulls());
         for (const auto& message : client->follower.Tick(now, client->budget)) {
-          Broadcast(EncodeReplication(message));
+          Broadcast(SignedMessage(client->keys.get(), message));
         }
       }
+      if (has_keys_) SpeakAsStranger();
     }
   }
 
@@ -349,8 +366,44 @@ class Fleet {
   }
 
  private:
+  // Of a robot, or of all clients; null where nobody signs. Robots and clients answer and decide.
+  std::shared_ptr<const KeyRing> KeysOf(size_t n) const {
+    if (!has_keys_) return nullptr;
+    std::vector<TrustedKey> trusted;
+    for (size_t k = 0; k <= robots_.size(); ++k) {
+      trusted.push_back({fmt::format("{}", k), PublicKeyOf(TestSecret(int(k))), {}, true, true});
+      if (k < robots_.size()) trusted.back().maps = {robots_[k]->id().name};
+    }
+    return *KeyRing::Make(TestSecret(int(n)), trusted);
+  }
+
+  void SpeakAsStranger() {
+    if (recorded_.empty() || random_() % 4 != 0) return;
+    std::vector<uint8_t> message = recorded_[random_() % recorded_.size()];
+    switch (random_() % 3) {
+      case 0:
+        message[random_() % message.size()] ^= static_cast<uint8_t>(1u << random_() % 8);
+        break;
+      case 1:
+        message.resize(message.size() - kSignatureBytes);  // as if nobody signed
+        break;
+      default:
+        break;
+    }
+    Send(message);
+  }
+
   // To all, the sender too: multicast comes back.
   void Broadcast(const std::vector<uint8_t>& message) {
+    constexpr size_t kMaxRecorded = 5000;
+    if (has_keys_ && recorded_.size() < kMaxRecorded) {
+      recorded_.push_back(message);
+    } else if (has_keys_) {
+      recorded_[random_() % kMaxRecorded] = message;
+    }
+    Send(message);
+  }
+  void Send(const std::vector<uint8_t>& message) {
     const auto bytes = std::make_shared<const std::vector<uint8_t>>(message);
     bytes_sent_ += std::ssize(message);
     const auto digest = Decode<layer_digest_t>(message);
@@ -371,6 +424,8 @@ class Fleet {
   Random random_;
   std::vector<std::unique_ptr<Robot>> robots_;
   std::vector<std::shared_ptr<Client>> clients_;
+  bool has_keys_ = false;
+  std::vector<std::vector<uint8_t>> recorded_;  // by the stranger
   int64_t bytes_sent_ = 0;
   int64_t proxy_digests_ = 0;
 };
@@ -615,17 +670,29 @@ TEST(FleetTest, ASessionThatWasNeverWholeIsGivenUp) {
   EXPECT_EQ(fleet.AnyContent().sum, content.sum);
 }
 
-class RandomFleet : public testing::TestWithParam<int> {};
+class RandomFleet : public testing::TestWithParam<int> {
+ protected:
+  static void Run(Random random, int schedules, bool has_keys);
+};
 
-TEST_P(RandomFleet, EndsWithEqualBytes) {
-  Random random(GetParam());
-  for (int schedule = 0; schedule < NumSchedules(2); ++schedule) {
+TEST_P(RandomFleet, EndsWithEqualBytes) { Run(Random(GetParam()), NumSchedules(2), false); }
+
+// Fewer, since to check signatures takes most of the time.
+class SignedFleet : public RandomFleet {};
+
+TEST_P(SignedFleet, EndsWithEqualBytesWhateverAStrangerSends) {
+  Run(Random(GetParam()), NumSchedules(1), true);
+}
+
+void RandomFleet::Run(Random random, int schedules, bool has_keys) {
+  for (int schedule = 0; schedule < schedules; ++schedule) {
     const uint64_t seed = random();
     SCOPED_TRACE(seed);
     const auto any = [&](auto... values) { return AnyOf(random, values...); };
     const Weather weather{any(0.0, 0.05, 0.3), any(0.0, 0.3),
                           any(milliseconds(0), milliseconds(30), milliseconds(400))};
     Fleet fleet(weather, any(2, 3, 5), any(1, 2), seed);
+    if (has_keys) fleet.UseKeys();
     fleet.StartAll();
     for (int event = 0; event < 50; ++event) {
       const size_t n = random() % fleet.num_robots();
@@ -677,5 +744,6 @@ TEST_P(RandomFleet, EndsWithEqualBytes) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Seeds, RandomFleet, testing::Range(1, 9));
+INSTANTIATE_TEST_SUITE_P(Seeds, SignedFleet, testing::Range(1, 4));
 
 }  // namespace splinemap::fleet_test

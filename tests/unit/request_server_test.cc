@@ -11,6 +11,7 @@
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "tests/support/queries.h"
+#include "tests/support/test_keys.h"
 
 namespace splinemap::request_server_test {
 
@@ -19,7 +20,7 @@ using std::chrono::milliseconds;
 // The server without a bus.
 class RequestServerTest : public testing::Test {
  protected:
-  void Start() {
+  void Start(std::shared_ptr<const KeyRing> keys = nullptr) {
     server_ = std::make_unique<RequestServer>(
         "MAP", newest_,
         [this](const std::string& channel, absl::Span<const uint8_t> bytes) {
@@ -44,7 +45,8 @@ class RequestServerTest : public testing::Test {
             }
           }
           done(name == "fail" ? absl::FailedPreconditionError("session 1") : absl::OkStatus());
-        });
+        },
+        std::move(keys));
   }
 
   static points_request_t Request(int64_t client, int64_t id, int64_t query = 0,
@@ -216,14 +218,18 @@ TEST_F(RequestServerTest, LargeAndDamagedMessagesDoNoHarm) {
 
 class CommandTest : public RequestServerTest {
  protected:
-  CommandTest() { Start(); }
-  void Command(int64_t client, int64_t id, const std::string& command, int64_t nonce = 5) {
+  explicit CommandTest(std::shared_ptr<const KeyRing> keys = nullptr) { Start(std::move(keys)); }
+  static std::vector<uint8_t> CommandBytes(int64_t client, int64_t id, const std::string& command,
+                                           int64_t nonce = 5) {
     command_request_t request{};
     request.header.client = client;
     request.header.id = id;
     request.header.daemon_nonce = nonce;
     request.command = command;
-    server_->Handle(Encode(request));
+    return Encode(request);
+  }
+  void Command(int64_t client, int64_t id, const std::string& command, int64_t nonce = 5) {
+    server_->Handle(CommandBytes(client, id, command, nonce));
   }
   absl::Status StatusOfReply(size_t number) {
     const auto reply = Decode<command_reply_t>(Await(number + 1).at(number).bytes);
@@ -279,6 +285,88 @@ TEST_F(CommandTest, SlowCommandsBeyondALimitAreRefused) {
   for (int64_t id = 0; id < 17; ++id) Command(1, id, "slow");
   EXPECT_TRUE(absl::IsResourceExhausted(StatusOfReply(0)));
   EXPECT_EQ(Executed().size(), 16u);
+}
+
+class SignedCommandTest : public CommandTest {
+ protected:
+  enum Who { kDaemon, kLaptop, kViewer, kStranger };
+  SignedCommandTest() : CommandTest(Ring(kDaemon)) {}
+
+  static std::shared_ptr<const KeyRing> Ring(Who who) {
+    const auto key = [](Who whose) { return PublicKeyOf(TestSecret(whose)); };
+    return *KeyRing::Make(TestSecret(who), {{"robot", key(kDaemon), {"robot"}, false, false},
+                                            {"laptop", key(kLaptop), {}, false, true},
+                                            {"viewer", key(kViewer), {}, false, false}});
+  }
+  static std::vector<uint8_t> Signed(Who who, int64_t client, int64_t id,
+                                     const std::string& command) {
+    return splinemap::Signed(Ring(who).get(), "MAP_COMMAND_REQUESTS",
+                             CommandBytes(client, id, command));
+  }
+  // Whether it is the daemon's, for who knows its key.
+  bool IsBelieved(size_t number) {
+    const Reply reply = Await(number + 1).at(number);
+    return Ring(kLaptop)->SignerOf(reply.channel, reply.bytes).ok();
+  }
+};
+
+TEST_F(SignedCommandTest, AreExecutedForWhoDecides) {
+  server_->Handle(Signed(kLaptop, 1, 1, "clear"));
+  EXPECT_TRUE(StatusOfReply(0).ok());
+  EXPECT_TRUE(IsBelieved(0));
+  server_->Handle(Signed(kViewer, 1, 2, "clear"));
+  EXPECT_TRUE(absl::IsPermissionDenied(StatusOfReply(1)));
+  EXPECT_TRUE(IsBelieved(1));
+  server_->Handle(Signed(kDaemon, 1, 3, "clear"));
+  EXPECT_TRUE(absl::IsPermissionDenied(StatusOfReply(2))) << "who maps does not decide";
+  EXPECT_EQ(Executed(), (std::vector<std::string>{"clear"}));
+}
+
+// Those that somebody else may have changed are refused without a signature, so that nobody is told
+// that what was executed was refused.
+TEST_F(SignedCommandTest, AreRefusedWhereTheyAreForged) {
+  std::vector<uint8_t> forged = Signed(kLaptop, 1, 1, "clear");
+  forged[forged.size() - kSignatureBytes - 1] ^= 1;  // the session
+  const std::vector<std::vector<uint8_t>> commands{
+      CommandBytes(1, 1, "clear"), Signed(kStranger, 1, 1, "clear"), forged,
+      splinemap::Signed(Ring(kLaptop).get(), "OTHER_COMMAND_REQUESTS",
+                        CommandBytes(1, 1, "clear"))};
+  for (size_t k = 0; k < commands.size(); ++k) {
+    server_->Handle(commands[k]);
+    Await(k + 1);
+  }
+  for (size_t k = 0; k < 4; ++k) {
+    EXPECT_TRUE(absl::IsPermissionDenied(StatusOfReply(k))) << k;
+    EXPECT_FALSE(IsBelieved(k)) << k;
+  }
+  server_->Handle(Signed(kLaptop, 1, 1, "save"));
+  EXPECT_TRUE(StatusOfReply(4).ok()) << "its turn was not taken";
+  EXPECT_EQ(Executed(), (std::vector<std::string>{"save"}));
+  EXPECT_EQ(server_->counts().disbelieved, 4);
+}
+
+TEST_F(SignedCommandTest, AreExecutedOnceHoweverOftenAndLateTheyAreSent) {
+  const std::vector<uint8_t> recorded = Signed(kLaptop, 1, 1, "clear");
+  server_->Handle(recorded);
+  Await(1);
+  for (int64_t id = 2; id < 200; ++id) {  // more than there are replies that are remembered
+    server_->Handle(Signed(kLaptop, 1, id, "save"));
+    Await(static_cast<size_t>(id));
+  }
+  server_->Handle(recorded);
+  EXPECT_TRUE(absl::IsFailedPrecondition(StatusOfReply(199)));
+  const std::vector<std::string> executed = Executed();
+  EXPECT_EQ(std::count(executed.begin(), executed.end(), "clear"), 1);
+  EXPECT_EQ(executed.size(), 199u);
+}
+
+TEST_F(SignedCommandTest, QueriesNeedNoKeyAndTheirRepliesAreSigned) {
+  server_->Handle(Encode(Request(2, 1)));
+  EXPECT_EQ(Header(Await(1).at(0)).id, 1);
+  EXPECT_TRUE(IsBelieved(0));
+  server_->Handle(
+      splinemap::Signed(Ring(kStranger).get(), "MAP_POINTS_REQUESTS", Encode(Request(2, 2))));
+  EXPECT_EQ(Header(Await(2).at(1)).id, 2);
 }
 
 }  // namespace splinemap::request_server_test

@@ -5,6 +5,8 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
+#include <ctime>
 #include <map>
 #include <optional>
 #include <string>
@@ -14,7 +16,9 @@
 #include "lcmtypes/splinemap/layers_t.hpp"
 #include "lib/base/status.h"
 #include "lib/replica/caller.h"
+#include "lib/signing/key_files.h"
 #include "lib/wire/decode.h"
+#include "lib/wire/encode.h"
 #include "tests/bench/fleet/process_figures.h"
 #include "tests/bench/fleet/robot_fleet.h"
 #include "tests/support/child_process.h"
@@ -28,9 +32,23 @@ using Seconds = std::chrono::duration<double>;
 
 constexpr double kRawTileBytes = sizeof(Tile);
 
+enum class Sends { kTiles, kScans, kSignedScans };
+constexpr const char* kSends[] = {"tiles", "scans", "signed"};
+
+// The base station's folder, and the robots' key.
+absl::StatusOr<std::shared_ptr<const KeyRing>> MakeKeys(const std::string& folder) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const PublicKey base, MakeSecretKey(folder + "/base"));
+  SPLINEMAP_ASSIGN_OR_RETURN(const PublicKey robots, MakeSecretKey(folder + "/robots"));
+  for (const char* of : {"/base", "/robots"}) {
+    SPLINEMAP_RETURN_IF_ERROR(Trust(folder + of, {"base", base, {"base"}, true, true}));
+    SPLINEMAP_RETURN_IF_ERROR(Trust(folder + of, {"robots", robots, {"robot-*"}, false, false}));
+  }
+  return KeyRing::Read(folder + "/robots");
+}
+
 struct Cost {
   int robots = 0;
-  bool sends_scans = false;  // or tiles
+  Sends sends = Sends::kTiles;
   double cpu = 0;            // s a second, of the base station
   double sent_kb_per_s = 0;  // by the robots
   double raw_kb_per_s = 0;   // of the tiles that changed, once for each scan
@@ -64,10 +82,10 @@ class LayersHeard {
 };
 
 template <typename Condition>
-absl::Status HandleUntil(LcmBus& bus, Seconds at_most, const std::string& what,
-                         Condition condition) {
+absl::Status HandleUntil(LcmBus& bus, const std::shared_ptr<const KeyRing>& keys, Seconds at_most,
+                         const std::string& what, Condition condition) {
   const auto end = Clock::now() + std::chrono::duration_cast<Clock::duration>(at_most);
-  Caller caller(bus, "SPLINEMAP");
+  Caller caller(bus, "SPLINEMAP", keys);
   while (!condition()) {
     caller.Tick(Clock::now());
     if (Clock::now() > end)
@@ -82,18 +100,22 @@ void HandleFor(LcmBus& bus, Seconds time) {
   while (Clock::now() < end) bus.Handle(milliseconds(20));
 }
 
-absl::StatusOr<Cost> Measure(int robots, bool sends_scans, const Workload& workload, Seconds time) {
+absl::StatusOr<Cost> Measure(int robots, Sends sends, const Workload& workload, Seconds time) {
   const TemporaryDirectory folder;
+  SPLINEMAP_ASSIGN_OR_RETURN(auto keys, MakeKeys(folder.path()));
+  if (sends != Sends::kSignedScans) keys = nullptr;
+  std::vector<std::string> command{
+      SPLINEMAPD_PROGRAM, "--no-sensors", "--name", "base", "--map", folder.File("base.splinemap")};
+  if (keys != nullptr) command.insert(command.end(), {"--keys", folder.File("base")});
   SPLINEMAP_ASSIGN_OR_RETURN(const auto bus, LcmBus::Open(""));
   LayersHeard heard(*bus);
-  const ChildProcess base({SPLINEMAPD_PROGRAM, "--no-sensors", "--name", "base", "--map",
-                           folder.File("base.splinemap")});
+  const ChildProcess base(command);
   constexpr Seconds kPatience(60);
   SPLINEMAP_RETURN_IF_ERROR(
-      HandleUntil(*bus, kPatience, "a base station", [&] { return heard.HasAny(); }));
+      HandleUntil(*bus, keys, kPatience, "a base station", [&] { return heard.HasAny(); }));
   const double empty_bytes = ResidentBytes(base.pid());
 
-  RobotFleet fleet(robots, sends_scans, workload, *bus);
+  RobotFleet fleet(robots, sends != Sends::kTiles, workload, *bus, keys);
   HandleFor(*bus, Seconds(2));
   const auto begin = Clock::now();
   const double cpu_before = CpuSeconds(base.pid());
@@ -101,7 +123,7 @@ absl::StatusOr<Cost> Measure(int robots, bool sends_scans, const Workload& workl
   HandleFor(*bus, time);
   const double measured_s = Seconds(Clock::now() - begin).count();
   const RobotFleet::Totals after = fleet.totals();
-  Cost cost{robots, sends_scans};
+  Cost cost{robots, sends};
   cost.cpu = (CpuSeconds(base.pid()) - cpu_before) / measured_s;
   cost.sent_kb_per_s = static_cast<double>(after.bytes - before.bytes) / 1000 / measured_s;
   cost.raw_kb_per_s = static_cast<double>(after.changed_tiles - before.changed_tiles) *
@@ -110,7 +132,7 @@ absl::StatusOr<Cost> Measure(int robots, bool sends_scans, const Workload& workl
 
   fleet.Rest();
   const auto rested = Clock::now();
-  SPLINEMAP_RETURN_IF_ERROR(HandleUntil(*bus, kPatience, "a base station with the same bytes",
+  SPLINEMAP_RETURN_IF_ERROR(HandleUntil(*bus, keys, kPatience, "a base station with the same bytes",
                                         [&] { return heard.Has(fleet.Hashes()); }));
   cost.equal_s = Seconds(Clock::now() - rested).count();
   cost.tiles_mb = static_cast<double>(fleet.totals().tiles) * kRawTileBytes / 1e6;
@@ -123,7 +145,7 @@ void Print(const Cost& cost, const Cost& one) {
       "{:>6} {:>6} {:>9.3f} {:>7.1f} {:>10.0f} {:>7.1f} {:>10.0f} {:>7.3f} {:>9.1f} {:>9.1f} "
       "{:>7.2f} "
       "{:>8.1f}\n",
-      cost.robots, cost.sends_scans ? "scans" : "tiles", cost.cpu, cost.cpu / one.cpu,
+      cost.robots, kSends[static_cast<size_t>(cost.sends)], cost.cpu, cost.cpu / one.cpu,
       cost.sent_kb_per_s, cost.sent_kb_per_s / one.sent_kb_per_s, cost.raw_kb_per_s,
       cost.sent_kb_per_s / cost.raw_kb_per_s, cost.tiles_mb, cost.memory_mb,
       cost.memory_mb / cost.tiles_mb, cost.equal_s);
@@ -134,7 +156,40 @@ void Print(const Cost& cost, const Cost& one) {
   std::fflush(stdout);
 }
 
+// Of one message.
+absl::Status PrintSignatures() {
+  constexpr int kTimes = 2000;
+  const TemporaryDirectory folder;
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto keys, MakeKeys(folder.path()));
+  const auto cpu_us = [] {
+    timespec time{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+    return 1e6 * static_cast<double>(time.tv_sec) + 1e-3 * static_cast<double>(time.tv_nsec);
+  };
+  const auto time_us = [&](auto call) {
+    const double begin_us = cpu_us();
+    for (int k = 0; k < kTimes; ++k) call();
+    return (cpu_us() - begin_us) / kTimes;
+  };
+  for (const int content_bytes : {0, 1000}) {
+    layer_updates_t updates{};
+    updates.layer.name = "robot-1";
+    updates.num_tiles = 1;
+    updates.tiles.resize(1);
+    updates.tiles[0].num_bytes = content_bytes;
+    updates.tiles[0].content.resize(content_bytes);
+    const std::vector<uint8_t> message = Encode(updates);
+    const std::vector<uint8_t> signed_message = Signed(keys.get(), "C", message);
+    fmt::print("{} bytes: signed in {:.0f} us, checked in {:.0f} us\n", message.size(),
+               time_us([&] { Signed(keys.get(), "C", message); }), time_us([&] {
+                 if (!keys->SignerOf("C", signed_message).ok()) std::abort();
+               }));
+  }
+  return absl::OkStatus();
+}
+
 absl::Status Run(int robots, double seconds, int max_scans) {
+  SPLINEMAP_RETURN_IF_ERROR(PrintSignatures());
   auto workload = MakeWorkload("intel", max_scans);
   if (!workload) workload = MakeWorkload("simulated_360_beams_3.5_m", max_scans);
   fmt::print("A base station that follows robots on {}, 10 scans a second each, {:g} s\n",
@@ -142,11 +197,11 @@ absl::Status Run(int robots, double seconds, int max_scans) {
   fmt::print("{:>6} {:>6} {:>9} {:>7} {:>10} {:>7} {:>10} {:>7} {:>9} {:>9} {:>7} {:>8}\n",
              "robots", "send", "cpu, s/s", "to one", "sent, kB/s", "to one", "raw, kB/s", "ratio",
              "tiles, MB", "RSS, MB", "ratio", "equal, s");
-  for (const bool sends_scans : {false, true}) {
+  for (const Sends sends : {Sends::kTiles, Sends::kScans, Sends::kSignedScans}) {
     std::optional<Cost> one;
     for (const int number : {1, robots}) {
       SPLINEMAP_ASSIGN_OR_RETURN(const Cost cost,
-                                 Measure(number, sends_scans, *workload, Seconds(seconds)));
+                                 Measure(number, sends, *workload, Seconds(seconds)));
       if (!one) one = cost;
       Print(cost, *one);
     }

@@ -39,8 +39,9 @@ RobotFleet::Robot::Robot(int number, bool sends_scans, std::shared_ptr<ScanFolde
       publisher(mapper.SnapshotOf(layer), map.options(), OptionsOf(sends_scans)),
       next_scan(first_scan) {}
 
-RobotFleet::RobotFleet(int robots, bool sends_scans, const Workload& workload, LcmBus& bus)
-    : workload_(workload), bus_(bus) {
+RobotFleet::RobotFleet(int robots, bool sends_scans, const Workload& workload, LcmBus& bus,
+                       std::shared_ptr<const KeyRing> keys)
+    : workload_(workload), bus_(bus), keys_(std::move(keys)) {
   const auto folder = std::make_shared<ScanFolder>(MapOptionsOf({}));
   for (int k = 0; k < robots; ++k) {
     const size_t first_scan = workload.scans.size() * k / robots;
@@ -96,9 +97,10 @@ void RobotFleet::MapNextScan(Robot& robot) {
 
 void RobotFleet::Publish(const std::vector<ReplicationMessage>& messages) {
   for (const ReplicationMessage& message : messages) {
-    const std::vector<uint8_t> bytes = EncodeReplication(message);
+    const std::string channel = ChannelOf(message, kPrefix);
+    const std::vector<uint8_t> bytes = Signed(keys_.get(), channel, EncodeReplication(message));
     totals_.bytes += static_cast<int64_t>(kHeaderBytes) + std::ssize(bytes);
-    bus_.PublishBytes(ChannelOf(message, kPrefix), bytes);
+    bus_.PublishBytes(channel, bytes);
     ++totals_.messages;
   }
 }

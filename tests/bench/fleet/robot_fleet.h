@@ -9,6 +9,7 @@
 #include "lib/replication/byte_budget.h"
 #include "lib/replication/pyramid_publisher.h"
 #include "lib/wire/lcm_bus.h"
+#include "splinemap/key_ring.h"
 #include "tests/bench/speed/workload.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/scan_mapper.h"
@@ -19,8 +20,10 @@ namespace splinemap::bench {
 // second each, at different places of the drive. A thread of its own. Thread-safe.
 class RobotFleet {
  public:
-  // `workload` and `bus` outlive this. They send scans, or tiles alone.
-  RobotFleet(int robots, bool sends_scans, const Workload& workload, LcmBus& bus);
+  // `workload` and `bus` outlive this. They send scans, or tiles alone, and sign where there are
+  // keys.
+  RobotFleet(int robots, bool sends_scans, const Workload& workload, LcmBus& bus,
+             std::shared_ptr<const KeyRing> keys);
 
   struct Totals {
     int64_t messages = 0;
@@ -55,6 +58,7 @@ class RobotFleet {
 
   const Workload& workload_;
   LcmBus& bus_;
+  const std::shared_ptr<const KeyRing> keys_;
   mutable Mutex mutex_;
   std::vector<std::unique_ptr<Robot>> robots_ ABSL_GUARDED_BY(mutex_);
   Totals totals_ ABSL_GUARDED_BY(mutex_);
