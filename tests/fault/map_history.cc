@@ -33,7 +33,7 @@ class Bytes {
       Add(key.tx);
       Add(key.ty);
       if (with_revisions) Add(entry.revision);
-      Add(entry.tile->control_points);
+      Add(entry.tile->Get()->control_points);
     });
   }
   uint64_t Hash() const { return std::hash<std::string_view>()(bytes_); }
@@ -139,7 +139,7 @@ LayerSet MapHistory::Next() {
     case 3:
       if (archive_.TakeOldest() != nullptr) {
         TileTreeEditor base(archive_.base.tiles);
-        base.Edit(RandomKey(random_, 5), 0) = RandomTile(random_, map_.options().limits);
+        base.Edit(RandomKey(random_, 5), 0).Edit() = RandomTile(random_, map_.options().limits);
         archive_.base = {base.Freeze(), archive_.map_T_world, archive_.base.scans + 1,
                          Utime(scans_)};
       }
@@ -166,7 +166,7 @@ LayerSet MapHistory::NextCorrected() {
   });
   TileTreeEditor tiles;
   for (int k = 0; k < 20; ++k) {
-    tiles.Edit(RandomKey(random_, 5), map_.layer(0).revision() + 1) =
+    tiles.Edit(RandomKey(random_, 5), map_.layer(0).revision() + 1).Edit() =
         RandomTile(random_, map_.options().limits);
   }
   const SessionId session = map_.layer(0).session();

@@ -98,9 +98,10 @@ absl::StatusOr<Figures> RunDaemon(const std::string& path, size_t num_tiles, int
   Figures figures;
   const Clock::time_point begin = Clock::now();
   ChildProcess daemon({SPLINEMAPD_PROGRAM, "--config", folder.File("config"), "--map", path});
-  SPLINEMAP_ASSIGN_OR_RETURN(
-      const auto client,
-      MapClient::Connect("", {.robot = "robot", .deadline = std::chrono::minutes(2)}));
+  ClientOptions options;
+  options.robot = "robot";
+  options.deadline = std::chrono::minutes(2);
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto client, MapClient::Connect("", options));
   std::mt19937_64 random(2);
   const double half_side_m = 0.8 * std::sqrt(static_cast<double>(num_tiles));
   SPLINEMAP_RETURN_IF_ERROR(client->Ask(RandomPoints(random, half_side_m, 1)).status());
