@@ -14,10 +14,18 @@ bool IsEqual(const StoredTile& a, const StoredTile* b) {
 
 }  // namespace
 
-Fold::Fold(const ScanArchive& archive, const MapOptions& options)
+Fold::Fold(const ScanArchive& archive, const MapOptions& options, std::shared_ptr<SpillFile> spill)
     : folder_(options),
       layer_(LayerSnapshot{{}, {}, 0, archive.base.tiles}, {}),
-      first_scan_(archive.scans_added() - archive.num_scans()) {}
+      first_scan_(archive.scans_added() - archive.num_scans()),
+      spill_(std::move(spill)) {}
+
+void Fold::Spill() {
+  if (layer_.tiles().size() < spill_->memory()->max_tiles() / 2) return;
+  const TileTree tiles = Tiles();
+  SpillFile::Take(spill_, tiles, spilled_up_to_);
+  spilled_up_to_ = tiles.version();
+}
 
 absl::Status Fold::Continue(const ScanArchive& archive, const FoldProgress& is_cancelled) {
   const ScanArchive::Base& base = archive.base;
@@ -34,8 +42,12 @@ absl::Status Fold::Continue(const ScanArchive& archive, const FoldProgress& is_c
                            status = absl::CancelledError("cancelled");
                          if (!status.ok()) return;
                          folder_.Fold(placed_, model, layer_);
-                         ++scans_;
+                         constexpr int64_t kScansInMemory = 500;
+                         if (++scans_ % kScansInMemory == 0 && spill_ != nullptr) Spill();
                        });
+  if (status.ok() && spill_ != nullptr && spill_->has_lost_tiles()) {
+    return DataLoss("a tile that was not in memory could not be read again");
+  }
   return status;
 }
 

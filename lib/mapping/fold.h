@@ -7,6 +7,7 @@
 
 #include "absl/status/statusor.h"
 #include "lib/mapping/scan_folder.h"
+#include "lib/tiles/spill_file.h"
 #include "splinemap/layer_set.h"
 #include "splinemap/scan_archive.h"
 
@@ -22,14 +23,16 @@ inline bool GoOn(int64_t) { return false; }
 // Thread-compatible.
 class Fold {
  public:
-  // Begins with the base of `archive`.
-  Fold(const ScanArchive& archive, const MapOptions& options);
+  // Begins with the base of `archive`. Where `spill` is given, tiles that do not fit into its
+  // memory go there.
+  Fold(const ScanArchive& archive, const MapOptions& options,
+       std::shared_ptr<SpillFile> spill = nullptr);
 
   // Folds what `archive` has more than what was folded: it is the one that the fold began with,
   // later, and has all of its scans that were not folded.
   // FailedPrecondition where its base was mapped in another place than where the archive has to be
   // now: a base cannot be moved. InvalidArgument for a scan that cannot be folded with these
-  // options. Cancelled.
+  // options. Cancelled. DataLoss where `spill` lost something.
   absl::Status Continue(const ScanArchive& archive, const FoldProgress& is_cancelled = GoOn);
 
   int64_t scans_folded() const { return scans_; }
@@ -41,6 +44,10 @@ class Fold {
   int64_t first_scan_;
   int64_t scans_ = 0;  // folded
   PlacedScan placed_;
+
+  void Spill();
+  const std::shared_ptr<SpillFile> spill_;
+  uint64_t spilled_up_to_ = 0;  // version of the tiles
 };
 
 // Moves the oldest scans to the base until the archive has `max_bytes` at most. Requires that its

@@ -87,6 +87,11 @@ TouchedPoints StoredTile::Touched() const {
   return TouchedPoints::Unpacked(packed);
 }
 
+bool StoredTile::HasSource() const {
+  const Guard guard(*this);
+  return source_ != nullptr;
+}
+
 int64_t StoredTile::NumberAt(const TileSource* source) const {
   const Guard guard(*this);
   return source_.get() == source ? number_ : 0;

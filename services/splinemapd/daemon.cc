@@ -83,7 +83,7 @@ struct Daemon::Parts {
         receiving(bus, notices),
         mapping(config, stored.options, std::move(stored.own), std::move(stored.archive), newest,
                 saver, notices),
-        folding(config, keys, stored.options, newest, mapping, notices),
+        folding(config, keys, stored.options, budget.memory(), newest, mapping, notices),
         replication(bus, FollowOptionsOf(config, keys), PublisherOptionsOf(config.service()),
                     stored.others, newest, notices),
         handlers(config.service().remote_commands(), newest, mapping, folding, replication, saver,

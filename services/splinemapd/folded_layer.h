@@ -12,12 +12,12 @@ class FoldedLayer {
  public:
   // What `edit` makes of `archive`, that of a layer in `session`.
   FoldedLayer(SessionId session, ArchiveEdit edit, const ScanArchive& archive,
-              const MapOptions& options)
+              const MapOptions& options, std::shared_ptr<SpillFile> spill = nullptr)
       : session_(session),
         edit_(std::move(edit)),
         scans_added_(archive.scans_added()),
         archive_(edit_.Apply(archive)),
-        fold_(archive_, options) {}
+        fold_(archive_, options, std::move(spill)) {}
 
   SessionId session() const { return session_; }
   // Of the present layer, so many are here.

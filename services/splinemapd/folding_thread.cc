@@ -3,6 +3,7 @@
 #include <sys/resource.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <future>
 #include <memory>
 #include <utility>
@@ -36,12 +37,14 @@ bool Covers(const Trajectory& newer, const Trajectory& older) {
 }  // namespace
 
 FoldingThread::FoldingThread(const config::Config& config, std::shared_ptr<const KeyRing> keys,
-                             const MapOptions& options, NewestMap& newest, MappingThread& mapping,
-                             NoticeLog& notices)
+                             const MapOptions& options, std::shared_ptr<TileMemory> memory,
+                             NewestMap& newest, MappingThread& mapping, NoticeLog& notices)
     : keys_(std::move(keys)),
       signing_(TrajectorySigning(config.channel_prefix(), newest.Own().session.nonce)),
       robot_(RobotName(config)),
       options_(options),
+      memory_(std::move(memory)),
+      folder_(std::filesystem::absolute(MapPath(config)).parent_path().string()),
       forget_after_(static_cast<int64_t>(config.service().forget_after_min() * 60e6)),
       newest_(newest),
       mapping_(mapping),
@@ -199,7 +202,13 @@ absl::StatusOr<std::string> FoldingThread::TryFold(const EditOf& edit_of) {
   const SessionId session = own.session;
   SPLINEMAP_ASSIGN_OR_RETURN(ArchiveEdit edit, edit_of(*own.archive));
   if (!edit.Changes(*own.archive)) return std::string();  // said again
-  auto layer = std::make_unique<FoldedLayer>(session, std::move(edit), *own.archive, options_);
+  // Of a layer that does not fit into memory the new one does not either.
+  std::shared_ptr<SpillFile> spill;
+  if (own.tiles.size() > memory_->max_tiles() / 2) {
+    SPLINEMAP_ASSIGN_OR_RETURN(spill, SpillFile::Make(folder_, memory_));
+  }
+  auto layer = std::make_unique<FoldedLayer>(session, std::move(edit), *own.archive, options_,
+                                             std::move(spill));
   const auto is_cancelled = [this](int64_t) {
     mailbox_.steps().Add();
     return stop_.stop_requested();

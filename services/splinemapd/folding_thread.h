@@ -33,8 +33,8 @@ class FoldingThread {
   // The others outlive it. With keys, trajectories are taken that are signed by who maps the own
   // layer or decides.
   FoldingThread(const config::Config& config, std::shared_ptr<const KeyRing> keys,
-                const MapOptions& options, NewestMap& newest, MappingThread& mapping,
-                NoticeLog& notices);
+                const MapOptions& options, std::shared_ptr<TileMemory> memory, NewestMap& newest,
+                MappingThread& mapping, NoticeLog& notices);
 
   void Start();
 
@@ -65,6 +65,8 @@ class FoldingThread {
   const std::string signing_;  // what signatures of trajectories are of
   const std::string robot_;
   const MapOptions options_;
+  const std::shared_ptr<TileMemory> memory_;
+  const std::string folder_;  // of the map file
   const Utime forget_after_;
   NewestMap& newest_;
   MappingThread& mapping_;

@@ -2,7 +2,11 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <memory>
+
+#include "lib/tiles/spill_file.h"
+#include "tests/support/temporary_directory.h"
 
 namespace splinemap::folded_layer_test {
 
@@ -58,6 +62,29 @@ TEST(FoldedLayerTest, WhatComesMeanwhileIsFoldedAsIfItHadBeenThere) {
   EXPECT_LT(edited.num_scans(), 403);
   EXPECT_TRUE(DifferentTiles(layer.Tiles(), *FoldArchive(edited, {})).empty());
   EXPECT_TRUE(DifferentTiles(layer.Tiles(), *FoldArchive(layer.archive(), {})).empty());
+}
+
+// A robot that goes far, so that what it saw first is not needed while it is folded.
+TEST(FoldedLayerTest, ALayerThatDoesNotFitIntoMemoryIsFoldedToTheSameBytes) {
+  ScanArchive archive;
+  for (int k = 0; k < 3000; ++k) {
+    auto scan = std::make_shared<PosedScan>(*ScanAt(k));
+    scan->world_T_robot = FixedPose2::Nearest({{0.05 * (k < 2000 ? k : 4000 - k), 0}, 0});
+    archive.Add(scan, {});
+  }
+  constexpr size_t kMaxTiles = 40;
+  const TemporaryDirectory folder;
+  const auto memory = std::make_shared<TileMemory>(kMaxTiles);
+  const auto spill = SpillFile::Make(folder.path(), memory);
+  ASSERT_TRUE(spill.ok()) << spill.status();
+  FoldedLayer layer({1, 1}, {}, archive, {}, *spill);
+  ASSERT_TRUE(layer.Fold().ok());
+  const TileTree tiles = layer.Tiles();
+  EXPECT_GT(tiles.size(), 5 * kMaxTiles);
+  EXPECT_LE(memory->num_tiles(), kMaxTiles);
+  EXPECT_TRUE(DifferentTiles(tiles, *FoldArchive(archive, {})).empty());
+  EXPECT_TRUE(
+      std::filesystem::is_empty(folder.path()));  // nothing is left, even of a killed process
 }
 
 }  // namespace splinemap::folded_layer_test

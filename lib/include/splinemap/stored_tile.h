@@ -37,6 +37,7 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
   uint64_t Checksum(TileKey key) const;
   TouchedPoints Touched() const;
 
+  bool HasSource() const;
   // The number at `source`; 0 where it has another source or none.
   int64_t NumberAt(const TileSource* source) const;
   // From now on it may leave memory, and comes back from there. Requires a number other than 0 that
