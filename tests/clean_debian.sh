@@ -36,7 +36,10 @@ cgroup=$(findmnt --noheadings --output TARGET --types cgroup2 | head -n 1)/splin
 booted=
 clean_up() {
   if [[ -n $booted ]]; then kill -KILL "$booted" 2> /dev/null || true; wait "$booted" 2> /dev/null || true; fi
-  [[ ! -d $cgroup ]] || find "$cgroup" -depth -type d -exec rmdir {} + 2> /dev/null || true
+  for _ in {1..20}; do  # until its processes are gone
+    [[ -d $cgroup ]] || return 0
+    find "$cgroup" -depth -type d -exec rmdir {} + 2> /dev/null || sleep 0.2
+  done
 }
 trap clean_up EXIT
 
@@ -58,8 +61,8 @@ apt() {
 }
 : > "$clean/apt.log"
 chroot "$root" apt-get update -qq
-apt /packages/splinemapd_*.deb /packages/splinemap-tools_*.deb /packages/splinemap-viewer_*.deb \
-  /packages/libsplinemap-dev_*.deb
+mapfile -t debs < <(cd "$root" && printf '/%s\n' packages/*.deb)
+apt "${debs[@]}"
 chroot "$root" getent passwd splinemap > /dev/null || fail "there is no user splinemap"
 for command in splinemapd splinemap splinemap-viewer splinemap-spy; do
   chroot "$root" "$command" --help > /dev/null || fail "$command does not run"
@@ -101,6 +104,7 @@ boot() {
       mount -t tmpfs tmpfs dev/shm
       ln -s pts/ptmx dev/ptmx
       ln -s /proc/self/fd dev/fd
+      hostname localhost
       ip link set lo up
       ip route add 224.0.0.0/4 dev lo
       mkdir -p old

@@ -21,8 +21,8 @@ splinemap simulate drive.lcmlog 2> /dev/null
 run_commands_of deploy/README.md
 await bash -c 'splinemap watch --once --timeout 3'
 lcm-logplayer -s 20 drive.lcmlog > /dev/null
-scans() { status | jq .scans_mapped; }
-(($(scans) > 1000)) || fail "mapped $(scans) scans"
+has_mapped() { (($(status | jq .scans_mapped) > 1000)); }
+await has_mapped
 expect 0 systemctl status splinemapd@robot-1
 grep -qE 'Status: "[0-9]+ of [0-9]+ scans mapped' out || fail "no status: $(cat out)"
 splinemap save 2> /dev/null
