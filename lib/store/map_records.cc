@@ -181,6 +181,15 @@ bool HasForm(absl::Span<const PageColumn> columns, std::string_view form) {
 }
 
 // Puts a map together from rows: first those of the tables map and layer, then those of tiles.
+// Whether two copies of a record say the same. They do not where a disk that has lost what it synced
+// has left pages of several saves.
+template <typename Record>
+bool IsSame(Record a, Record b) {
+  a.clear_checksum();
+  b.clear_checksum();
+  return a.SerializeAsString() == b.SerializeAsString();
+}
+
 class MapReader {
  public:
   explicit MapReader(std::string path) : path_(std::move(path)) {}
@@ -211,6 +220,12 @@ class MapReader {
     if (!map_record_ && map_copy_) {
       Damage("the record of the map cannot be read; its copy is used");
       map_record_ = map_copy_;
+    } else if (map_record_ && map_copy_) {
+      store::MapRecord record = *map_record_;
+      record.clear_layer();
+      if (!IsSame(std::move(record), *map_copy_)) {
+        Damage("the records of the map and of its layers are of different saves");
+      }
     }
     if (!map_record_)
       return DataLoss("{} is damaged: no record of its knot interval is left", path_);
@@ -219,6 +234,10 @@ class MapReader {
     for (const store::LayerRecord& copy : map_record_->layer()) {
       if (records_.try_emplace(copy.row(), copy).second) {
         Damage(fmt::format("the record of layer {} cannot be read; its copy is used",
+                           Shown(copy.name())));
+      } else if (store::LayerRecord record = records_.at(copy.row());
+                 record.clear_map(), !IsSame(std::move(record), copy)) {
+        Damage(fmt::format("the record of layer {} is of another save than that of the map",
                            Shown(copy.name())));
       }
       AddLayer(copy.row(), records_.at(copy.row()));  // in the order of the map that was saved

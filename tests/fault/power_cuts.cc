@@ -314,7 +314,8 @@ class Faults {
       Fail(scenario, share / 4);
     }
     if (only_.empty()) CutNewFile();
-    fmt::print("{} faults tried\n", tried_);
+    fmt::print("\n");
+    for (const auto& [fault, total] : totals_) Print("all: " + fault, total);
     return is_right_;
   }
 
@@ -451,7 +452,14 @@ class Faults {
 
   void Report(const std::string& name, const Tally& tally) {
     Print(name, tally);
-    tried_ += tally.tried;
+    Tally& total = totals_[name.substr(name.find(": ") + 2)];
+    total.tried += tally.tried;
+    total.newest += tally.newest;
+    total.older += tally.older;
+    total.max_lost = std::max(total.max_lost, tally.max_lost);
+    total.named += tally.named;
+    total.unreadable += tally.unreadable;
+    total.wrong.insert(total.wrong.end(), tally.wrong.begin(), tally.wrong.end());
     if (!tally.wrong.empty()) is_right_ = false;
   }
 
@@ -461,7 +469,7 @@ class Faults {
   std::mt19937_64 random_{seed_};
   const TemporaryDirectory live_;
   const TemporaryDirectory dead_;
-  size_t tried_ = 0;
+  std::map<std::string, Tally> totals_;
   bool is_right_ = true;
 };
 

@@ -534,7 +534,7 @@ TEST_F(MapFileTest, OfARecordThatCannotBeOnlyThatIsLost) {
   }
   const auto loaded = ReadMapFile(path_);
   ASSERT_TRUE(loaded.ok()) << loaded.status();
-  EXPECT_EQ(loaded->corruption.size(), 3u);
+  EXPECT_EQ(loaded->corruption.size(), 3u + 2u);  // both records differ from their copies as well
   ASSERT_EQ(loaded->set.settings.records().size(), 1u);
   EXPECT_EQ(loaded->set.settings.records().begin()->first.name, "sane");
   const LayerSnapshot& layer = loaded->set.layers[0];
@@ -568,6 +568,18 @@ TEST_F(MapFileTest, AShiftOfAnEarlierVersionIsThatPlacement) {
       SQLite::Statement put(database, "UPDATE map SET record = ?");
       put.bind(1, bytes.data(), static_cast<int>(bytes.size()));
       put.exec();
+      // Without the copy of it, which says otherwise.
+      store::LayerRecord layer;
+      EXPECT_TRUE(
+          layer.ParseFromString(database.execAndGet("SELECT record FROM layer").getString()));
+      layer.clear_map();
+      layer.clear_checksum();
+      bytes = layer.SerializeAsString();
+      layer.set_checksum(XXH3_64bits(bytes.data(), bytes.size()));
+      bytes = layer.SerializeAsString();
+      SQLite::Statement put_layer(database, "UPDATE layer SET record = ?");
+      put_layer.bind(1, bytes.data(), static_cast<int>(bytes.size()));
+      put_layer.exec();
     }
     return *ReadMapFile(path_);
   };
