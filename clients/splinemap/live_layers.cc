@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "lib/base/clock.h"
+#include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/replica/caller.h"
 #include "lib/replication/admission.h"
@@ -15,7 +16,7 @@ namespace splinemap {
 absl::StatusOr<std::vector<layers_t>> ReceiveLayers(const BusFlags& bus, const std::string& robot) {
   SPLINEMAP_ASSIGN_OR_RETURN(const std::unique_ptr<LcmBus> lcm, LcmBus::Open(bus.lcm_url));
   SPLINEMAP_ASSIGN_OR_RETURN(const auto keys, bus.Keys());
-  Admission admission(bus.channel_prefix, keys, /*speaker=*/0);
+  Admission admission(bus.channel_prefix, keys, RandomId());
   std::map<std::pair<std::string, int64_t>, layers_t> received;
   lcm->Subscribe(
       bus.channel_prefix + "_LAYERS", [&](const std::string&, absl::Span<const uint8_t> message) {

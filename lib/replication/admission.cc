@@ -6,6 +6,7 @@
 
 #include "lib/base/plain_text.h"
 #include "lib/base/status.h"
+#include "lib/replication/protocol.h"
 
 namespace splinemap {
 namespace {
@@ -49,6 +50,11 @@ std::optional<Admission::Message> Admission::Admit(absl::Span<const uint8_t> byt
   if (SpeakerOf(*decoded) == speaker_) return std::nullopt;
   Message message{*std::move(decoded)};
   if (keys_ == nullptr) return message;
+  if (const auto* pull = std::get_if<layer_pull_t>(&message.content);
+      pull != nullptr && IsCall(*pull)) {
+    message.answers = false;
+    return message;
+  }
   const absl::Status status = CheckSender(message.content, bytes, message.answers);
   if (status.ok()) {
     ++believed_;

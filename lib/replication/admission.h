@@ -18,7 +18,7 @@ namespace splinemap {
 //
 // As an owner (the speaker is the nonce of the session) speaks who maps the layer, and as its proxy
 // who answers. Everybody else who is trusted may pull, and tell the hash of settings; the settings
-// themselves count where the key decides.
+// themselves count where the key decides. Anybody may call who is there.
 class Admission {
  public:
   // `speaker` is that of this process, whose own messages are left out.

@@ -28,12 +28,11 @@ uint64_t IdOf(absl::Span<const uint8_t> key) {
 }
 
 std::vector<uint8_t> WhatIsSigned(const std::string& channel, absl::Span<const uint8_t> message) {
-  std::vector<uint8_t> bytes;
-  bytes.reserve(kContext.size() + channel.size() + 1 + message.size());
-  bytes.insert(bytes.end(), kContext.begin(), kContext.end());
-  bytes.insert(bytes.end(), channel.begin(), channel.end());
-  bytes.push_back(0);
-  bytes.insert(bytes.end(), message.begin(), message.end());
+  std::vector<uint8_t> bytes(kContext.size() + channel.size() + 1 + message.size());
+  auto to = std::copy(kContext.begin(), kContext.end(), bytes.begin());
+  to = std::copy(channel.begin(), channel.end(), to);
+  *to++ = 0;
+  std::copy(message.begin(), message.end(), to);
   return bytes;
 }
 
@@ -70,10 +69,11 @@ absl::StatusOr<std::shared_ptr<const KeyRing>> KeyRing::Make(const SecretKey& se
 
 void KeyRing::Sign(const std::string& channel, std::vector<uint8_t>& message) const {
   const std::vector<uint8_t> bytes = WhatIsSigned(channel, message);
-  message.insert(message.end(), own_.key.begin(), own_.key.begin() + kIdBytes);
-  message.resize(message.size() + crypto_sign_BYTES);
-  crypto_sign_detached(message.data() + message.size() - crypto_sign_BYTES, nullptr, bytes.data(),
-                       bytes.size(), secret_.data());
+  const size_t content_bytes = message.size();
+  message.resize(content_bytes + kSignatureBytes);
+  uint8_t* const trailer = message.data() + content_bytes;
+  std::copy_n(own_.key.begin(), kIdBytes, trailer);
+  crypto_sign_detached(trailer + kIdBytes, nullptr, bytes.data(), bytes.size(), secret_.data());
 }
 
 absl::StatusOr<const TrustedKey*> KeyRing::SignerOf(const std::string& channel,

@@ -180,9 +180,8 @@ bool HasForm(absl::Span<const PageColumn> columns, std::string_view form) {
       [](const PageColumn& column, char kind) { return column.is_bytes == (kind == 'b'); });
 }
 
-// Puts a map together from rows: first those of the tables map and layer, then those of tiles.
-// Whether two copies of a record say the same. They do not where a disk that has lost what it synced
-// has left pages of several saves.
+// Whether two copies of a record say the same. They do not where a disk that has lost what it
+// synced has left pages of several saves.
 template <typename Record>
 bool IsSame(Record a, Record b) {
   a.clear_checksum();
@@ -190,6 +189,7 @@ bool IsSame(Record a, Record b) {
   return a.SerializeAsString() == b.SerializeAsString();
 }
 
+// Puts a map together from rows: first those of the tables map and layer, then those of tiles.
 class MapReader {
  public:
   explicit MapReader(std::string path) : path_(std::move(path)) {}
@@ -889,14 +889,31 @@ void MapRowWriter::DeleteUnusedRows() {
 void DeleteForgottenRows(TileRows& rows, SQLite::Database& database) {
   SQLite::Transaction transaction(database, SQLite::TransactionBehavior::IMMEDIATE);
   const int64_t deleted = DeleteRows(rows.TakeForgotten(kMaxRowsAtOnce), database);
+  if (deleted == 0) return;
+  const auto num_rows = static_cast<uint64_t>(rows.num_rows() - deleted);
   SQLite::Statement map_row(database, "SELECT record FROM map");
-  auto record = map_row.executeStep() ? RecordOf<store::MapRecord>(map_row.getColumn(0).getString())
-                                      : std::nullopt;
+  if (!map_row.executeStep()) return;
+  auto map_record = RecordOf<store::MapRecord>(map_row.getColumn(0).getString());
   map_row.reset();
-  if (deleted == 0 || !record) return;
-  record->set_tile_rows(static_cast<uint64_t>(rows.num_rows() - deleted));
-  SQLite::Statement put(database, "UPDATE map SET record = ?");
-  PutRecord(put, 1, BytesOf(*record));
+  if (!map_record) return;
+  map_record->set_tile_rows(num_rows);
+  SQLite::Statement put_map(database, "UPDATE map SET record = ?");
+  PutRecord(put_map, 1, BytesOf(*map_record));
+  // And in the copy of it.
+  std::map<int64_t, std::string> changed;
+  SQLite::Statement layer_rows(database, "SELECT id, record FROM layer");
+  while (layer_rows.executeStep()) {
+    auto record = RecordOf<store::LayerRecord>(layer_rows.getColumn(1).getString());
+    if (!record || !record->has_map()) continue;
+    record->mutable_map()->set_tile_rows(num_rows);
+    changed[layer_rows.getColumn(0).getInt64()] = BytesOf(*record);
+  }
+  layer_rows.reset();
+  SQLite::Statement put_layer(database, "UPDATE layer SET record = ? WHERE id = ?");
+  for (const auto& [id, record] : changed) {
+    put_layer.bind(2, id);
+    PutRecord(put_layer, 1, record);
+  }
   transaction.commit();
   rows.CountRows(-deleted);
 }

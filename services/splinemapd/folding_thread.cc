@@ -111,7 +111,8 @@ absl::Status FoldingThread::CheckSigner(absl::Span<const uint8_t> trajectory) {
         "{} parts were taken, which is the most; start splinemapd again", kMaxSignatures));
   }
   const absl::Span<const uint8_t> signature = trajectory.last(kSignatureBytes);
-  if (signatures_.emplace(signature.begin(), signature.end()).second) return absl::OkStatus();
+  if (signatures_.insert(std::string(signature.begin(), signature.end())).second)
+    return absl::OkStatus();
   return absl::AlreadyExistsError("");
 }
 

@@ -4,11 +4,11 @@
 #include <functional>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "absl/container/flat_hash_set.h"
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "lib/config/config.h"
@@ -73,8 +73,8 @@ class FoldingThread {
   NoticeLog& notices_;
   Mailbox mailbox_;
   TrajectoryParts trajectory_parts_;
-  std::set<std::vector<uint8_t>> signatures_;  // of the parts that were taken
-  std::optional<Trajectory> trajectory_;       // the newest, not folded yet
+  absl::flat_hash_set<std::string> signatures_;  // of the parts that were taken
+  std::optional<Trajectory> trajectory_;         // the newest, not folded yet
   Clock::time_point next_correction_;
   std::stop_token stop_;
   std::jthread folding_;

@@ -316,7 +316,7 @@ void StatusReporter::ReportDuplicateName(const LayerId& first, const LayerId& se
 
 layers_t StatusReporter::MakeLayers(const LayerSet& set,
                                     std::vector<layer_status_t> statuses) const {
-  layers_t layers;
+  layers_t layers{};
   layers.utime = 0;
   layers.daemon_nonce = static_cast<int64_t>(set.layers.front().session.nonce);
   layers.refused = replication_.refused;
@@ -356,7 +356,7 @@ int64_t StatusReporter::DroppedByOverload() const {
 status_t StatusReporter::MakeStatus() {
   const MappingThread::State state = parts_.mapping.DrainState();
   const LayerSnapshot layer = parts_.newest.Own();
-  status_t status;
+  status_t status{};
   status.utime = HostUtime();
   status.name = layer.id.name;
   status.origin = static_cast<int64_t>(layer.id.origin);

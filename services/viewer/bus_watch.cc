@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
+#include "lib/base/random.h"
 #include "lib/base/host_clock.h"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
@@ -56,7 +57,7 @@ BusWatch::BusWatch(std::unique_ptr<LcmBus> bus, const WatchOptions& options,
     : options_(options),
       on_news_(std::move(on_news)),
       bus_(std::move(bus)),
-      admission_(options.channel_prefix, options.keys, /*speaker=*/0),
+      admission_(options.channel_prefix, options.keys, RandomId()),
       scans_(options.scans, options.poses.empty() ? "" : options.poses[0]),
       caller_(*bus_, options.channel_prefix, options.keys) {}
 

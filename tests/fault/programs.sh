@@ -214,14 +214,14 @@ fail_syncs() {
     return
   fi
   begin_single
-  start_robot "${injected[@]}" inject=fsync,fdatasync:error=EIO:when=25..26
+  start_robot "${injected[@]}" inject=fsync,fdatasync:error=EIO:when=14
   said "it is written anew"
   end_single 0
-  row "two syncs fail" 1 1 "nothing"
+  row "a sync fails" 1 1 "nothing"
   [[ -z $quick ]] || return 0
 
   begin_single
-  start_robot "${injected[@]}" inject=fsync,fdatasync:error=EIO:when=25+
+  start_robot "${injected[@]}" inject=fsync,fdatasync:error=EIO:when=14+
   said "the map is not saved"
   maps "all syncs fail"
   end_single 1

@@ -314,7 +314,7 @@ subcommands() {
   splinemap "$@" --help | awk '/^Subcommands:/ { inside = 1; next } NF == 0 { inside = 0 } inside { print $1 }'
 }
 mapfile -t commands < <(subcommands)
-((${#commands[@]} == 34)) || fail "commands: ${commands[*]}"
+((${#commands[@]} == 35)) || fail "commands: ${commands[*]}"
 mapfile -t settings < <(subcommands layer | sed 's/^/layer /')
 ((${#settings[@]} == 6)) || fail "commands of layer: ${settings[*]}"
 live=()
