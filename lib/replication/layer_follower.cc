@@ -23,8 +23,11 @@ using std::chrono::milliseconds;
 constexpr milliseconds kMaxBackOff(100);
 constexpr milliseconds kRetry(300);
 constexpr size_t kMaxWanted = 20'000;
-// Of tiles, and of nodes, that are asked for and not there yet.
-constexpr size_t kMaxTilesAtOnce = 256;
+// Tiles that are asked for and not there yet: at first so many; one more for each that comes when
+// it is asked for, and half of it where one has to be asked for again, since its owner, the network
+// or this process cannot keep up.
+constexpr size_t kLeastTilesAtOnce = 256;
+constexpr size_t kMostTilesAtOnce = 2048;
 constexpr size_t kMaxNodesAtOnce = 64;
 // While so much of lower levels is wanted, no node is asked for: what is wanted stays far below
 // kMaxWanted, however large the layer is, and lasts until the next listing is there.
@@ -81,7 +84,8 @@ LayerFollower::LayerFollower(LayerId id, uint64_t seed, Subset part,
       subset_(part),
       folder_(part.level_of_detail == LevelOfDetail{} ? std::move(folder) : nullptr),
       random_(seed),
-      intake_(seed) {}
+      intake_(seed),
+      tiles_at_once_(kLeastTilesAtOnce) {}
 
 LayerFollower::LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::time_point now,
                              std::shared_ptr<ScanFolder> folder)
@@ -569,7 +573,11 @@ void LayerFollower::Keep(TileKey key, std::shared_ptr<const StoredTile> tile, ui
   newest_revision_ = std::max(newest_revision_, revision);
   ++version_;
   const auto wanted = pending_.find({0, key.tx, key.ty});
-  if (wanted != pending_.end() && wanted->second.revision <= revision) pending_.erase(wanted);
+  if (wanted != pending_.end() && wanted->second.revision <= revision) {
+    if (wanted->second.times_asked == 1)
+      tiles_at_once_ = std::min(tiles_at_once_ + 1, kMostTilesAtOnce);
+    pending_.erase(wanted);
+  }
   NoteChange(key);
 }
 
@@ -800,9 +808,11 @@ void LayerFollower::AskForWanted(Clock::time_point now, std::vector<layer_pull_t
        lower < kEnoughWanted && max_level < HashTree::kMaxLevel;) {
     lower += wanted_of_level[++max_level];
   }
+  bool is_repeated = false;
   for (auto& [node, wanted] : pending_) {
     if (wanted.due > now || node.level > max_level) continue;
-    if (node.level == 0 ? tiles >= kMaxTilesAtOnce : nodes >= kMaxNodesAtOnce) continue;
+    if (node.level == 0 ? tiles >= tiles_at_once_ : nodes >= kMaxNodesAtOnce) continue;
+    is_repeated |= node.level == 0 && wanted.times_asked > 0;
     if (pulls.empty() || pulls.back().levels.size() >= kNodesPerPull) AddPull(pulls);
     pulls.back().levels.push_back(node.level);
     pulls.back().xs.push_back(node.x);
@@ -813,6 +823,7 @@ void LayerFollower::AskForWanted(Clock::time_point now, std::vector<layer_pull_t
     wanted.due = now + kRetry + random_.UpTo(kRetry);
     ++wanted.times_asked;
   }
+  if (is_repeated) tiles_at_once_ = std::max(tiles_at_once_ / 2, kLeastTilesAtOnce);
 }
 
 // That its session is lesser than the one here, or that pushes are still wanted.

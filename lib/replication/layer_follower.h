@@ -235,6 +235,7 @@ class LayerFollower {
 
   absl::flat_hash_map<NodeKey, PendingPull> pending_;
   Clock::time_point next_ask_;
+  size_t tiles_at_once_;
   // The digest whose hashes are being compared, until nothing of it is wanted any more.
   struct Check {
     layer_digest_t digest;

@@ -15,6 +15,8 @@ namespace splinemap {
 namespace {
 
 constexpr size_t kMaxPulled = 100'000;  // more waiting pulls are for the next round
+// Tiles in one tick, so that followers take up some while others are packed.
+constexpr int kMaxAnswersAtOnce = 256;
 // Digests that are asked for are this far apart.
 constexpr std::chrono::milliseconds kLeastDigestInterval(100);
 // Where half of them get lost, one in 64 followers misses all of these.
@@ -165,6 +167,7 @@ void LayerPublisher::LastTick(Clock::time_point now, ByteBudget& budget,
                               std::vector<ReplicationMessage>& messages) {
   last_push_.reset();
   Tick(now, budget, messages);
+  while (CanAnswer()) Answer(budget, messages);
   Digest(messages, now);
 }
 
@@ -217,12 +220,13 @@ void LayerPublisher::Answer(ByteBudget& budget, std::vector<ReplicationMessage>&
   send();
 
   UpdateBatch batch(speaker_, ref_, messages);
-  while (!pulled_tiles_.empty() && budget.MayAnswer()) {
+  for (int n = 0; n < kMaxAnswersAtOnce && !pulled_tiles_.empty() && budget.MayAnswer(); ++n) {
     const TileKey key = pulled_tiles_.Pop();
     // Who needed this one does not have what differences are made to, until the next digest.
     answered_.insert(key);
     budget.SpendOnAnswers(batch.Add(Publish(key, false)));
   }
+  waits_for_budget_ = HasPulls() && !budget.MayAnswer();
 }
 
 void LayerPublisher::Push(ByteBudget& budget, std::vector<ReplicationMessage>& messages) {

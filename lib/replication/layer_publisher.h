@@ -61,6 +61,8 @@ class LayerPublisher {
   // of them is asking for what it lacks.
   bool IsKnown(Clock::time_point now) const;
   bool HasPulls() const { return !pulled_tiles_.empty() || !pulled_nodes_.empty(); }
+  // Whether the next tick has more to answer.
+  bool CanAnswer() const { return HasPulls() && !waits_for_budget_; }
 
   // Adds what is to be sent now, as far as the budget goes.
   void Tick(Clock::time_point now, ByteBudget& budget, std::vector<ReplicationMessage>& messages,
@@ -111,6 +113,7 @@ class LayerPublisher {
   absl::flat_hash_map<TileKey, uint64_t> waiting_;  // their after_revision
   FifoSet<TileKey> pulled_tiles_;
   FifoSet<NodeKey> pulled_nodes_;
+  bool waits_for_budget_ = false;                  // as of the last tick
   std::optional<Clock::time_point> tiles_wanted_;  // when a follower asked for pushes last
   std::optional<Clock::time_point> last_push_;
   std::optional<Clock::time_point> last_digest_;

@@ -134,7 +134,13 @@ bool PyramidPublisher::HasTilePulls() const {
 
 Clock::time_point PyramidPublisher::NextTick(Clock::time_point now) const {
   const bool is_making_levels = !asked_.empty() && levels_.IsAtWork(layer_);
-  if (is_making_levels) return now;
+  const auto can_answer = [](const auto& asked) {
+    return asked.second.publisher && asked.second.publisher->CanAnswer();
+  };
+  if (is_making_levels || as_mapped_.CanAnswer() ||
+      std::any_of(asked_.begin(), asked_.end(), can_answer)) {
+    return now;
+  }
   Clock::time_point next = std::min(as_mapped_.NextTick(), scans_.NextTick());
   if (HasTilePulls()) next = std::min(next, now + ByteBudget::kPause);
   for (const auto& [level_of_detail, asked] : asked_) {

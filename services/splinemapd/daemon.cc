@@ -251,12 +251,13 @@ void Daemon::SaveNow() {
 
 absl::Status Daemon::Stop() {
   if (!std::exchange(is_running_, false)) return absl::OkStatus();
-  // In the order of the data, so that each thread gets all that the one before has left.
+  // In the order of the data, so that each thread gets all that the one before has left; and what
+  // the disk lacks comes first, since whoever ends daemons may not wait for long.
   parts_->receiving.Stop();
-  parts_->requests.Stop();
   parts_->folding.Stop();
   parts_->mapping.Stop();
   const absl::Status saved = parts_->saver.Stop();
+  parts_->requests.Stop();
   // What is published last is on disk. Followers may ask for it.
   parts_->receiving.Start();
   parts_->replication.Stop();

@@ -13,7 +13,7 @@ using std::chrono::milliseconds;
 // The bus itself is looked after once a second.
 constexpr milliseconds kLongest(1000);
 // Messages that are still under way at the end are received for at most this long.
-constexpr milliseconds kMaxDrain(2000);
+constexpr milliseconds kMaxDrain(500);
 
 }  // namespace
 

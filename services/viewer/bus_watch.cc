@@ -4,8 +4,8 @@
 #include <utility>
 
 #include "lcmtypes/michigan/pose_xyt_t.hpp"
-#include "lib/base/random.h"
 #include "lib/base/host_clock.h"
+#include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/message_type.h"

@@ -56,7 +56,9 @@ daemon=$!
 await splinemap watch --once --timeout 2
 lcm-logger --quiet --force recorded.lcmlog &
 logger=$!
-sleep 3
+sleep 1
+await splinemap watch --once --timeout 2  # has the daemon say its state
+sleep 1
 kill -INT "$logger"
 wait "$logger" || true
 kill "$daemon"

@@ -40,8 +40,9 @@ class Bus {
     std::unique_ptr<Bus> bus(new Bus);
     SPLINEMAP_ASSIGN_OR_RETURN(bus->lcm_, LcmBus::Open(""));
     for (const char* channel : {"SPLINEMAP_UPDATES", "SPLINEMAP_LISTINGS", "SPLINEMAP_PULLS"}) {
-      bus->lcm_->Subscribe(channel, [b = bus.get()](const std::string&, auto message) {
+      bus->lcm_->Subscribe(channel, [b = bus.get()](const std::string& name, auto message) {
         b->bytes_ += std::ssize(message);
+        if (name == "SPLINEMAP_UPDATES") b->last_tiles_ = Clock::now();
       });
     }
     bus->lcm_->Subscribe("SPLINEMAP_LAYERS", [b = bus.get()](const std::string&, auto message) {
@@ -65,6 +66,8 @@ class Bus {
     return absl::OkStatus();
   }
   int64_t bytes() const { return bytes_; }
+  // When the last tiles came: daemons say up to a second later that they have all.
+  Clock::time_point last_tiles() const { return last_tiles_; }
 
  private:
   void HandleLayers(const layers_t& layers) {
@@ -77,6 +80,7 @@ class Bus {
   std::unique_ptr<LcmBus> lcm_;
   std::map<std::string, int64_t> tiles_;  // by daemon
   int64_t bytes_ = 0;
+  Clock::time_point last_tiles_;
 };
 
 // Seconds from SIGINT until the process is gone.
@@ -102,7 +106,7 @@ absl::Status Measure(const std::string& map, int64_t tiles, double budget_kb_per
   const ChildProcess base({SPLINEMAPD_PROGRAM, "--config", config, "--no-sensors", "--name", "base",
                            "--map", folder.File("base.splinemap")});
   SPLINEMAP_RETURN_IF_ERROR(bus->Await("base", tiles, Seconds(1200)));
-  const double passed_s = SecondsSince(begin);
+  const double passed_s = Seconds(bus->last_tiles() - begin).count();
   const double sent_mb = 1e-6 * static_cast<double>(bus->bytes() - bytes);
   const double robot_cpu = (CpuSeconds(robot.pid()) - robot_cpu_s) / passed_s;
   const double base_cpu = CpuSeconds(base.pid()) / passed_s;
