@@ -1,5 +1,6 @@
 #include "lib/map/contradictions.h"
 
+#include "absl/hash/hash.h"
 #include "fmt/format.h"
 #include "lib/map/control_point_reader.h"
 #include "lib/map/summed_layers.h"
@@ -46,7 +47,10 @@ std::string ObstaclesText(const Contradiction& contradiction) {
                      contradiction.compared);
 }
 
-void VisitComparedPoints(const LayerSet& set, const MapView& sum, ComparedPointVisitor visit) {
+namespace {
+
+void VisitPointsOf(const LayerSet& set, const MapView& sum, uint64_t one_of,
+                   ComparedPointVisitor visit) {
   for (const LayerSnapshot& layer : set.layers) {
     const LayerSettings& settings = set.settings.Of(layer.id);
     if (!settings.IsSummed()) continue;
@@ -61,6 +65,7 @@ void VisitComparedPoints(const LayerSet& set, const MapView& sum, ComparedPointV
         SummedLayers({}, std::make_shared<TileMemory>(kTilesAtOnce)).Update(alone)->tiles;
     OtherLayers others(sum.tiles, placed);
     placed.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+      if (absl::HashOf(key) % one_of != 0) return;
       if (sum.tiles.Find(key) == entry.tile.get()) return;  // no other layer has any of it
       const std::shared_ptr<const Tile> tile = entry.tile->Get();
       for (int k = 0; k < Tile::kSize; ++k) {
@@ -73,13 +78,24 @@ void VisitComparedPoints(const LayerSet& set, const MapView& sum, ComparedPointV
   }
 }
 
+}  // namespace
+
+void VisitComparedPoints(const LayerSet& set, const MapView& sum, ComparedPointVisitor visit) {
+  VisitPointsOf(set, sum, 1, visit);
+}
+
 std::map<LayerId, Contradiction> ContradictionsOf(const LayerSet& set, const MapView& sum) {
+  // Of large maps a sample, since tiles may have to be read.
+  constexpr size_t kMaxTiles = 20'000;
+  size_t tiles = 0;
+  for (const LayerSnapshot& layer : set.layers) tiles += layer.tiles.size();
   std::map<LayerId, Contradiction> contradictions;
-  VisitComparedPoints(set, sum, [&](const LayerId& id, int32_t, int32_t, bool is_contradicted) {
-    Contradiction& of_layer = contradictions[id];
-    ++of_layer.compared;
-    of_layer.contradicted += is_contradicted ? 1 : 0;
-  });
+  VisitPointsOf(set, sum, tiles / kMaxTiles + 1,
+                [&](const LayerId& id, int32_t, int32_t, bool is_contradicted) {
+                  Contradiction& of_layer = contradictions[id];
+                  ++of_layer.compared;
+                  of_layer.contradicted += is_contradicted ? 1 : 0;
+                });
   return contradictions;
 }
 

@@ -23,7 +23,7 @@ class TileSum : public TileSource {
           std::shared_ptr<TileMemory> memory)
       : TileSource(std::move(memory)), key_(key), parts_(std::move(parts)), limits_(limits) {}
 
-  std::shared_ptr<const Tile> Load(int64_t /*number*/) override {
+  std::shared_ptr<const Tile> Load(int64_t /*number*/, uint64_t /*checksum*/) override {
     std::deque<std::shared_ptr<const Tile>> held;
     std::vector<const Tile*> tiles;
     std::vector<const Tile*> low_weight_tiles;

@@ -67,6 +67,12 @@ void ForEachTouched(SumPlane<Sum>& plane, Visitor visit) {
   ForEachTouched(plane, 0, SumBlock<Sum>::kAcross, visit);
 }
 
+// What cannot be read, which its source tells, stays as it is: no scan writes over it.
+bool IsReadable(const TileTreeEditor& tiles, TileKey key) {
+  const StoredTile* tile = tiles.tree().Find(key);
+  return tile == nullptr || tile->TryGet() != nullptr;
+}
+
 template <typename Sum, typename Visitor>
 void ForEachTouchedApron(SumPlane<Sum>& plane, Visitor visit) {
   ForEachTouched(plane, SumBlock<Sum>::kAcross, SumBlock<Sum>::kAcross + 1, visit);
@@ -127,7 +133,7 @@ void ScanScratch::CommitSums(const Commit& commit, ControlLimits scan_limits) {
   Collect(kernel_.log_odds, log_odds_);
   ForEachTouched(log_odds_.upright, [&](TouchedTile<int32_t> tile) {
     const TileKey key{tile.tx, tile.ty};
-    if (kernel_.has_change(tile.sums) && commit.is_taken(key)) {
+    if (kernel_.has_change(tile.sums) && commit.is_taken(key) && IsReadable(commit.tiles, key)) {
       kernel_.commit(tile.sums, commit.limits, scan_limits,
                      commit.tiles.Edit(key, commit.revision).Edit().control_points.data());
     } else {
@@ -153,7 +159,7 @@ void ScanScratch::CommitDistances(const Commit& commit) {
     const bool is_changed = kernel_.commit_distances(
         tile.sums, tile.groups, faces.sums, faces.groups, commit.limits,
         (from == nullptr ? kUntouched : *from).control_points.data(), result.control_points.data());
-    if (is_changed && commit.is_taken(key)) {
+    if (is_changed && commit.is_taken(key) && IsReadable(commit.tiles, key)) {
       commit.tiles.Put(key, std::make_shared<const StoredTile>(result), commit.revision);
     }
   });

@@ -171,7 +171,7 @@ MapFile& MapFile::operator=(MapFile&&) noexcept = default;
 
 MapFile::~MapFile() {
   if (database_) Close().IgnoreError();
-  if (rows_) rows_->Leave();
+  if (rows_) rows_->End();
 }
 
 struct MapFile::Written : MapRowWriter::Written {
@@ -181,6 +181,7 @@ struct MapFile::Written : MapRowWriter::Written {
 absl::Status MapFile::Close() {
   return WithStatus(path_, [&]() -> absl::Status {
     if (!database_) return FailedPrecondition("{} is closed", path_);
+    is_closed_ = true;
     const std::unique_ptr<SQLite::Database> database = std::move(database_);
     if (lock_ == nullptr) return absl::OkStatus();  // a reader
     // What cannot be deleted now is swept by those who open the file next.
@@ -188,7 +189,7 @@ absl::Status MapFile::Close() {
       if (rows_ && is_known_) DeleteForgottenRows(*rows_, *database);
     } catch (const SQLite::Exception&) {
     }
-    if (rows_) rows_->Leave();
+    if (rows_) rows_->End();
     if (rows_) rows_->Disconnect(path_);
     database->exec("PRAGMA wal_checkpoint(TRUNCATE)");
     // Fails while another process reads; then the empty files beside stay.
@@ -311,10 +312,10 @@ absl::StatusOr<LoadedMap> MapFile::Load() {
       // A disk that loses what it has synced can leave pages that two trees take for theirs: all
       // can be read, and the next save would overwrite it. Of a large map that takes too long.
       constexpr size_t kMaxTilesChecked = 16'384;
-      if (lock_ != nullptr && read.map.corruption.empty() &&
-          CountTiles(read.map.set) <= kMaxTilesChecked) {
+      if (read.map.corruption.empty() && CountTiles(read.map.set) <= kMaxTilesChecked) {
         std::string order = database_->execAndGet("PRAGMA integrity_check(1)").getString();
         if (order != "ok") read.map.corruption.push_back(std::move(order));
+        database_->exec("PRAGMA shrink_memory");
       }
       return std::move(read.map);
     });
@@ -385,7 +386,8 @@ absl::StatusOr<std::vector<std::string>> MapFile::Save(const LayerSet& set) {
   if (!IsThere()) {
     return FailedPrecondition("{} was deleted or replaced while it was in use", path_);
   }
-  if (!damage_.ok()) return Renew(set);
+  const bool was_given_up = database_ == nullptr && !is_closed_;
+  if (!damage_.ok() || was_given_up) return Renew(set);
   bool is_failed_sync = false;
   absl::StatusOr<Problems> saved = WithStatus(path_, [&]() -> absl::StatusOr<Problems> {
     if (!database_) return FailedPrecondition("{} is closed", path_);
@@ -459,7 +461,7 @@ absl::StatusOr<std::vector<std::string>> MapFile::Renew(const LayerSet& set) {
   if (rows_) rows_->Connect();  // tiles that others have go on being read from the damaged one
   SPLINEMAP_RETURN_IF_ERROR(MoveOver(part, path_));
   if (rows_) rows_->Part();
-  if (rows_) rows_->Leave();
+  if (rows_) rows_->End();
   SPLINEMAP_ASSIGN_OR_RETURN(*this, OpenDatabase(path_, std::move(fresh.lock_), memory_));
   rows->Disconnect(path_);
   rows_ = rows;
@@ -491,7 +493,7 @@ absl::StatusOr<std::vector<std::string>> MapFile::SaveElsewhere(const std::strin
     std::vector<std::string> problems = std::move(written->problems);
     fresh.Adopt(*std::move(written));
     if (rows_) rows_->Part();
-    if (rows_) rows_->Leave();
+    if (rows_) rows_->End();
     *this = std::move(fresh);
     return problems;
   };

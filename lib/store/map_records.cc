@@ -521,11 +521,10 @@ void FollowChanges(const LayerSnapshot& layer, ControlLimits limits, SavedLayer&
   TileTree::ForEachDifference(
       saved.tiles, layer.tiles,
       [&](TileKey key, const TileTree::Entry* was, const TileTree::Entry* is) {
-        if (was != nullptr && saved.left_out.erase(key) == 0) {
-          saved.tally.Remove(key, was->revision);
-        }
+        const bool was_left_out = saved.left_out.erase(key) > 0;
+        if (was != nullptr && !was_left_out) saved.tally.Remove(key, was->revision);
         if (is == nullptr) return;
-        const bool is_new = was == nullptr || was->tile != is->tile;
+        const bool is_new = was == nullptr || was->tile != is->tile || was_left_out;
         if (is->revision == 0 || is->revision > layer.revision ||
             (is_new && !CheckTileOf(layer, key, *is, limits).ok())) {
           saved.left_out.insert(key);
@@ -688,7 +687,7 @@ class SquareReader {
     if (has_row && reads_later_) {
       return std::make_shared<const StoredTile>(rows_, entry.number, entry.checksum, entry.touched);
     }
-    SPLINEMAP_ASSIGN_OR_RETURN(const Tile content, tiles_.Read(entry.number));
+    SPLINEMAP_ASSIGN_OR_RETURN(const Tile content, tiles_.Read(entry.number, entry.checksum));
     auto tile = std::make_shared<const StoredTile>(content);
     if (tile->Checksum(entry.key) != entry.checksum) {
       return DataLoss("tile ({}, {}) is another", entry.key.tx, entry.key.ty);
@@ -855,7 +854,11 @@ void MapRowWriter::Write(const LayerSet& map, const std::vector<SavedLayer>& sav
     if (state.row == 0) state.row = ++last_row;
     const int64_t row = state.row;
     FollowChanges(layer, map.options.limits, state);
-    trees_.Write(row, row, before.tiles, layer.tiles, state.left_out);
+    if (const int64_t lost = trees_.Write(row, row, before.tiles, layer.tiles, state.left_out);
+        lost > 0) {
+      problems.push_back(fmt::format("{} tiles of layer {} that cannot be read where they are",
+                                     lost, Shown(layer.id.name)));
+    }
     trees.push_back(row);
     if (!state.left_out.empty()) {
       const TileKey first = *state.left_out.begin();

@@ -1,6 +1,7 @@
 #include "lib/store/tile_rows.h"
 
 #include <SQLiteCpp/SQLiteCpp.h>
+#include <sqlite3.h>
 #include <xxhash.h>
 
 #include <algorithm>
@@ -76,7 +77,8 @@ absl::StatusOr<std::vector<SquareEntry>> EntriesOfSquare(int64_t tree, int64_t x
                                                          uint64_t checksum) {
   store::SquareRecord record;
   constexpr int64_t kMost = (kMaxKnotIndex >> 5) / kSquareSide + 1;
-  const bool is_place = std::max(std::abs(x), std::abs(y)) <= kMost;
+  const auto is_within = [](int64_t place) { return place >= -kMost && place <= kMost; };
+  const bool is_place = is_within(x) && is_within(y);
   const int tiles = ChecksumOfSquare(tree, x, y, content) == checksum && is_place &&
                             record.ParseFromString(content)
                         ? record.child_size()
@@ -104,7 +106,7 @@ TileReader::TileReader(SQLite::Database& database, ControlLimits limits)
           "SELECT layer, tx, ty, revision, checksum, content FROM tile WHERE number = ?")) {}
 TileReader::~TileReader() = default;
 
-absl::StatusOr<Tile> TileReader::Read(int64_t number) {
+absl::StatusOr<Tile> TileReader::Read(int64_t number, uint64_t tile_checksum) {
   SQLite::Statement& select = *select_;
   select.reset();
   select.bind(1, number);
@@ -119,18 +121,32 @@ absl::StatusOr<Tile> TileReader::Read(int64_t number) {
   select.reset();
   const std::optional<TileKey> key = KeyOf(row.tx, row.ty);
   if (!key) return DataLoss("tile ({}, {}) cannot be", row.tx, row.ty);
-  return TileOfRow(row, *key, limits_);
+  SPLINEMAP_ASSIGN_OR_RETURN(const Tile tile, TileOfRow(row, *key, limits_));
+  if (tile_checksum != 0 && TileChecksum(*key, tile) != tile_checksum) {
+    return DataLoss("tile ({}, {}) is another", key->tx, key->ty);
+  }
+  return tile;
 }
 
 class TileRows::Connection {
  public:
   Connection(const std::string& path, ControlLimits limits)
       : database_(path, SQLite::OPEN_READONLY, /*aBusyTimeoutMs=*/5000),
-        reader_((database_.exec("PRAGMA trusted_schema = OFF"), database_), limits) {}
+        reader_((Guard(database_), database_), limits) {}
 
-  absl::StatusOr<Tile> Read(int64_t number) { return reader_.Read(number); }
+  absl::StatusOr<Tile> Read(int64_t number, uint64_t checksum) {
+    return reader_.Read(number, checksum);
+  }
 
  private:
+  // A file may come from anywhere.
+  static void Guard(SQLite::Database& database) {
+    constexpr int kMaxRowBytes = 1 << 20;
+    database.exec("PRAGMA trusted_schema = OFF");
+    database.exec("PRAGMA cell_size_check = ON");
+    sqlite3_limit(database.getHandle(), SQLITE_LIMIT_LENGTH, kMaxRowBytes);
+  }
+
   SQLite::Database database_;
   TileReader reader_;
 };
@@ -139,13 +155,13 @@ TileRows::TileRows(std::string path, ControlLimits limits, std::shared_ptr<TileM
     : TileSource(std::move(memory)), limits_(limits), path_(std::move(path)) {}
 TileRows::~TileRows() = default;
 
-std::shared_ptr<const Tile> TileRows::Load(int64_t number) {
+std::shared_ptr<const Tile> TileRows::Load(int64_t number, uint64_t checksum) {
   MutexLock lock(reading_mutex_);
   std::string problem;
   try {
     if (!connection_ && may_connect_) connection_ = std::make_unique<Connection>(path_, limits_);
     const absl::StatusOr<Tile> tile =
-        connection_ ? connection_->Read(number) : NotFound("the file is gone");
+        connection_ ? connection_->Read(number, checksum) : NotFound("the file is gone");
     if (tile.ok()) return std::make_shared<const Tile>(*tile);
     problem = ErrorText(tile.status());
   } catch (const SQLite::Exception& exception) {
@@ -153,7 +169,7 @@ std::shared_ptr<const Tile> TileRows::Load(int64_t number) {
   }
   constexpr size_t kMaxProblems = 100;
   if (problems_.size() < kMaxProblems) problems_.push_back(fmt::format("{}: {}", path_, problem));
-  return std::make_shared<const Tile>();
+  return nullptr;
 }
 
 void TileRows::Forget(int64_t number) {
@@ -221,8 +237,8 @@ void TileRows::Connect() {
   MutexLock lock(reading_mutex_);
   try {
     if (!connection_) connection_ = std::make_unique<Connection>(path_, limits_);
-    connection_->Read(0).IgnoreError();  // opens the files beside as well
-  } catch (const SQLite::Exception&) {   // who reads a tile will see
+    connection_->Read(0, 0).IgnoreError();  // opens the files beside as well
+  } catch (const SQLite::Exception&) {      // who reads a tile will see
   }
 }
 
@@ -237,7 +253,7 @@ void TileRows::Part() {
   may_connect_ = false;
 }
 
-void TileRows::Leave() {
+void TileRows::End() {
   MutexLock lock(mutex_);
   has_left_ = true;
   forgotten_ = {};
@@ -264,12 +280,14 @@ TreeWriter::~TreeWriter() = default;
 
 int64_t TreeWriter::NumberOf(TileKey key, int64_t layer, const TileTree::Entry& entry) {
   if (const int64_t number = entry.tile->NumberAt(&rows_); number != 0) return number;
-  const auto [known, is_new] = numbers_.try_emplace(entry.tile, 0);
-  if (!is_new) return known->second;
-  known->second = rows_.NewNumber();
-  const std::string content = EncodeTile(*entry.tile->Get());
+  const auto found = numbers_.find(entry.tile);
+  if (found != numbers_.end()) return found->second;
+  const std::shared_ptr<const Tile> tile = entry.tile->TryGet();
+  if (tile == nullptr) return 0;
+  const int64_t number = numbers_[entry.tile] = rows_.NewNumber();
+  const std::string content = EncodeTile(*tile);
   SQLite::Statement& put = statements_->put_tile;
-  put.bind(1, known->second);
+  put.bind(1, number);
   put.bind(2, layer);
   put.bind(3, key.tx);
   put.bind(4, key.ty);
@@ -278,11 +296,12 @@ int64_t TreeWriter::NumberOf(TileKey key, int64_t layer, const TileTree::Entry& 
   put.bind(7, content.data(), static_cast<int>(content.size()));
   put.exec();
   put.reset();
-  return known->second;
+  return number;
 }
 
-void TreeWriter::Write(int64_t tree, int64_t layer, const TileTree& before, const TileTree& now,
-                       const std::set<TileKey>& left_out) {
+int64_t TreeWriter::Write(int64_t tree, int64_t layer, const TileTree& before, const TileTree& now,
+                          const std::set<TileKey>& left_out) {
+  int64_t unreadable = 0;
   std::set<Square> changed;
   TileTree::ForEachDifference(before, now,
                               [&](TileKey key, const TileTree::Entry*, const TileTree::Entry*) {
@@ -296,8 +315,13 @@ void TreeWriter::Write(int64_t tree, int64_t layer, const TileTree& before, cons
       const std::shared_ptr<const StoredTile> tile = now.Share(key);
       if (tile == nullptr) continue;
       const uint64_t revision = now.RevisionOf(key);
+      const int64_t number = NumberOf(key, layer, {tile, revision});
+      if (number == 0) {
+        ++unreadable;
+        continue;
+      }
       record.add_child(child);
-      record.add_number(NumberOf(key, layer, {tile, revision}));
+      record.add_number(number);
       record.add_revision(revision);
       record.add_checksum(tile->Checksum(key));
       record.add_touched(tile->Touched().Packed());
@@ -315,6 +339,7 @@ void TreeWriter::Write(int64_t tree, int64_t layer, const TileTree& before, cons
     statement.exec();
     statement.reset();
   }
+  return unreadable;
 }
 
 void TreeWriter::DeleteOtherTrees(absl::Span<const int64_t> trees) {

@@ -97,9 +97,11 @@ class TileRows : public TileSource {
   TileRows(std::string path, ControlLimits limits, std::shared_ptr<TileMemory> memory);
   ~TileRows() override;
 
-  // Zeros where the row cannot be read, which TakeProblems() tells.
-  std::shared_ptr<const Tile> Load(int64_t number) override;
+  // Where it is null, TakeProblems() tells.
+  std::shared_ptr<const Tile> Load(int64_t number, uint64_t checksum) override;
   void Forget(int64_t number) override;
+  // The row stays: the trees of this file still have it.
+  void Leave(int64_t /*number*/) override {}
 
   // The table has so many rows, up to that number; those that are not `in_use` are to be swept.
   void BeginWith(int64_t last_number, int64_t num_rows, absl::flat_hash_set<int64_t> in_use);
@@ -125,7 +127,7 @@ class TileRows : public TileSource {
   // The file of that name may be another from now on: no connection to it is opened any more.
   void Part();
   // From now on nobody deletes rows.
-  void Leave();
+  void End();
 
  private:
   class Connection;
@@ -153,8 +155,9 @@ class TileReader {
  public:
   TileReader(SQLite::Database& database, ControlLimits limits);
   ~TileReader();
-  // NotFound where there is none of that number.
-  absl::StatusOr<Tile> Read(int64_t number);
+  // NotFound where there is none of that number; DataLoss where its TileChecksum() is not this one,
+  // unless that is 0.
+  absl::StatusOr<Tile> Read(int64_t number, uint64_t tile_checksum);
 
  private:
   const ControlLimits limits_;
@@ -168,9 +171,10 @@ class TreeWriter {
   ~TreeWriter();
 
   // What `now` has other than `before`, which tree `tree` is in the database, but for the tiles
-  // that are `left_out`. Rows are written in the name of `layer`.
-  void Write(int64_t tree, int64_t layer, const TileTree& before, const TileTree& now,
-             const std::set<TileKey>& left_out);
+  // that are `left_out`. Rows are written in the name of `layer`. Returns how many could not be
+  // read where they are.
+  int64_t Write(int64_t tree, int64_t layer, const TileTree& before, const TileTree& now,
+                const std::set<TileKey>& left_out);
   // All squares of trees that are not among these.
   void DeleteOtherTrees(absl::Span<const int64_t> trees);
 
@@ -182,6 +186,7 @@ class TreeWriter {
  private:
   struct Statements;
 
+  // 0 where the content cannot be read.
   int64_t NumberOf(TileKey key, int64_t layer, const TileTree::Entry& entry);
 
   TileRows& rows_;

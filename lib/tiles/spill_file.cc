@@ -23,8 +23,9 @@ SpillFile::~SpillFile() { close(descriptor_); }
 
 void SpillFile::Take(const std::shared_ptr<SpillFile>& file, const TileTree& tiles,
                      uint64_t since) {
-  tiles.ForEachChanged(since, [&](TileKey, const TileTree::Entry& entry) {
+  tiles.ForEachChanged(since, [&](TileKey key, const TileTree::Entry& entry) {
     if (entry.tile->HasSource()) return;
+    entry.tile->Checksum(key);  // which is asked for when it is gone
     int64_t number = 0;
     {
       MutexLock lock(file->mutex_);
@@ -35,21 +36,19 @@ void SpillFile::Take(const std::shared_ptr<SpillFile>& file, const TileTree& til
     const std::shared_ptr<const Tile> tile = entry.tile->Get();
     const ssize_t written = pwrite(file->descriptor_, tile.get(), sizeof(Tile),
                                    (number - 1) * static_cast<off_t>(sizeof(Tile)));
-    if (written == static_cast<ssize_t>(sizeof(Tile))) {
-      entry.tile->SetSource(file, number);
-    } else {
-      file->Forget(number);
-    }
+    const bool is_taken =
+        written == static_cast<ssize_t>(sizeof(Tile)) && entry.tile->SetFirstSource(file, number);
+    if (!is_taken) file->Forget(number);
   });
 }
 
-std::shared_ptr<const Tile> SpillFile::Load(int64_t number) {
+std::shared_ptr<const Tile> SpillFile::Load(int64_t number, uint64_t /*checksum*/) {
   auto tile = std::make_shared<Tile>();
   const ssize_t read =
       pread(descriptor_, tile.get(), sizeof(Tile), (number - 1) * static_cast<off_t>(sizeof(Tile)));
   if (read == static_cast<ssize_t>(sizeof(Tile))) return tile;
   has_lost_tiles_ = true;
-  return std::make_shared<const Tile>();
+  return nullptr;
 }
 
 void SpillFile::Forget(int64_t number) {

@@ -25,10 +25,10 @@ class SpillFile : public TileSource {
   // disk is full they stay in memory.
   static void Take(const std::shared_ptr<SpillFile>& file, const TileTree& tiles, uint64_t since);
 
-  std::shared_ptr<const Tile> Load(int64_t number) override;
+  std::shared_ptr<const Tile> Load(int64_t number, uint64_t checksum) override;
   void Forget(int64_t number) override;
 
-  // Whether a tile could not be read back: it came as zeros.
+  // Whether a tile could not be read back.
   bool has_lost_tiles() const { return has_lost_tiles_; }
 
  private:

@@ -43,6 +43,12 @@ StoredTile::~StoredTile() {
 }
 
 std::shared_ptr<const Tile> StoredTile::Get() const {
+  static const auto kUnreadable = std::make_shared<const Tile>();
+  std::shared_ptr<const Tile> tile = TryGet();
+  return tile == nullptr ? kUnreadable : tile;
+}
+
+std::shared_ptr<const Tile> StoredTile::TryGet() const {
   std::shared_ptr<const Tile> tile;
   std::shared_ptr<TileSource> source;
   {
@@ -50,7 +56,8 @@ std::shared_ptr<const Tile> StoredTile::Get() const {
     was_used_ = tile_ != nullptr;  // once is not used again
     if (tile_) return tile_;
     source = source_;
-    tile = source->Load(number_);
+    tile = source->Load(number_, checksum_.load(std::memory_order_relaxed));
+    if (tile == nullptr) return nullptr;
     tile_ = tile;
     is_counted_ = source->memory() != nullptr;
     if (is_counted_) source->memory()->Count();
@@ -98,18 +105,34 @@ int64_t StoredTile::NumberAt(const TileSource* source) const {
 }
 
 void StoredTile::SetSource(std::shared_ptr<TileSource> source, int64_t number) const {
+  SetSource(std::move(source), number, false);
+}
+
+bool StoredTile::SetFirstSource(std::shared_ptr<TileSource> source, int64_t number) const {
+  return SetSource(std::move(source), number, true);
+}
+
+bool StoredTile::SetSource(std::shared_ptr<TileSource> source, int64_t number,
+                           bool only_first) const {
   const std::shared_ptr<TileSource> now = source;
   bool is_added = false;
   {
     const Guard guard(*this);
+    if (only_first && source_) return false;
     if (std::exchange(is_counted_, false)) source_->memory()->Remove();
     source_.swap(source);
     std::swap(number_, number);
     is_counted_ = is_added = now->memory() != nullptr && tile_ != nullptr;
     if (is_counted_) now->memory()->Count();
   }
-  if (source) source->Forget(number);
+  if (source) source->Leave(number);
   if (is_added) now->memory()->Add(weak_from_this());
+  return true;
+}
+
+bool StoredTile::IsCounted() const {
+  const Guard guard(*this);
+  return is_counted_;
 }
 
 StoredTile::Eviction StoredTile::Evict() const {
@@ -144,14 +167,17 @@ void TileMemory::Add(std::weak_ptr<const StoredTile> tile) {
   Shrink();
 }
 
-// Those that are gone leave no trace here but their place in the row.
+// Beyond the bound tiles go; else only the places in the row of those that went otherwise.
 void TileMemory::Shrink() {
-  size_t left = 2 * tiles_.size();  // each has its second chance
-  while ((num_tiles_ > max_tiles_ || tiles_.size() > 2 * num_tiles_ + 1024) && left-- > 0) {
+  const bool is_over = num_tiles_ > max_tiles_;
+  if (!is_over && tiles_.size() <= 2 * num_tiles_ + 1024) return;
+  size_t left = is_over ? 2 * tiles_.size() : tiles_.size();  // each has its second chance
+  while (!tiles_.empty() && left-- > 0 && (!is_over || num_tiles_ > max_tiles_)) {
     const std::shared_ptr<const StoredTile> oldest = tiles_.front().lock();
-    if (oldest && oldest->Evict() == StoredTile::Eviction::kWasUsed) {
-      tiles_.push_back(tiles_.front());
-    }
+    const bool stays =
+        oldest != nullptr &&
+        (is_over ? oldest->Evict() == StoredTile::Eviction::kWasUsed : oldest->IsCounted());
+    if (stays) tiles_.push_back(tiles_.front());
     tiles_.pop_front();
   }
 }

@@ -47,11 +47,14 @@ class TileSource {
   explicit TileSource(std::shared_ptr<TileMemory> memory) : memory_(std::move(memory)) {}
   virtual ~TileSource() = default;
 
-  // The tile of that number, with the same bytes each time. Both functions are called with locks
-  // held, Forget() by whoever frees a tile.
-  virtual std::shared_ptr<const Tile> Load(int64_t number) = 0;
+  // The tile of that number, with the same bytes each time; null where it cannot be read, or has
+  // another TileChecksum() than that, if it is not 0. All functions are called with locks held,
+  // Forget() by whoever frees a tile.
+  virtual std::shared_ptr<const Tile> Load(int64_t number, uint64_t checksum) = 0;
   // Nobody has a tile of that number any more.
   virtual void Forget(int64_t /*number*/) {}
+  // The tile of that number has another source now.
+  virtual void Leave(int64_t number) { Forget(number); }
 
   TileMemory* memory() const { return memory_.get(); }
 

@@ -24,6 +24,10 @@ class FoldedLayer {
   int64_t scans_added() const { return scans_added_; }
   const ScanArchive& archive() const { return archive_; }
 
+  // Whether Append() can take all: none of it has gone to the base meanwhile.
+  bool CanAppend(const ScanArchive& archive) const {
+    return archive.scans_added() - archive.num_scans() <= scans_added_;
+  }
   // Takes what `archive` has more by now.
   void Append(const ScanArchive& archive) {
     archive.ForEachAfter(scans_added_, [&](const PosedScan& scan, const BeamModelOptions& model) {

@@ -217,6 +217,7 @@ absl::StatusOr<std::string> FoldingThread::TryFold(const EditOf& edit_of) {
   do {
     own = newest_.Own();
     if (own.session != session) return absl::AbortedError("another session began");
+    if (!layer->CanAppend(*own.archive)) return absl::AbortedError("scans went to the base");
     layer->Append(*own.archive);
     SPLINEMAP_RETURN_IF_ERROR(layer->Fold(is_cancelled));
     own = newest_.Own();

@@ -131,6 +131,7 @@ void MappingThread::TakeOver(std::unique_ptr<FoldedLayer> layer, TookOver done) 
 absl::StatusOr<std::string> MappingThread::TakeOverNow(FoldedLayer& layer) {
   LayerSnapshot own = mapper_.Snapshot();
   if (layer.session() != own.session) return absl::AbortedError("another session began");
+  if (!layer.CanAppend(*own.archive)) return absl::AbortedError("scans went to the base");
   layer.Append(*own.archive);
   SPLINEMAP_RETURN_IF_ERROR(layer.Fold());
   const TileTree tiles = layer.Tiles();

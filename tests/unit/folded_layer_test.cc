@@ -64,6 +64,16 @@ TEST(FoldedLayerTest, WhatComesMeanwhileIsFoldedAsIfItHadBeenThere) {
   EXPECT_TRUE(DifferentTiles(layer.Tiles(), *FoldArchive(layer.archive(), {})).empty());
 }
 
+TEST(FoldedLayerTest, ScansThatWentToTheBaseMeanwhileAreMissed) {
+  ScanArchive archive;
+  AddScans(0, 300, archive);
+  const FoldedLayer layer({1, 1}, AnyEdit(), archive, {});
+  AddScans(300, 1500, archive);
+  EXPECT_TRUE(layer.CanAppend(archive));
+  Shorten(archive, archive.bytes() / 10, {});
+  EXPECT_FALSE(layer.CanAppend(archive));
+}
+
 // A robot that goes far, so that what it saw first is not needed while it is folded.
 TEST(FoldedLayerTest, ALayerThatDoesNotFitIntoMemoryIsFoldedToTheSameBytes) {
   ScanArchive archive;

@@ -9,6 +9,7 @@
 #include <random>
 #include <vector>
 
+#include "lib/mapping/scan_folder.h"
 #include "lib/tiles/tile_memory.h"
 #include "splinemap/file.h"
 #include "tests/support/map_file_fixture.h"
@@ -132,6 +133,70 @@ TEST_F(MapFileMemoryTest, AFileThatIsDeletedIsWrittenElsewhereWithAllTiles) {
   EXPECT_EQ(ContentOf(ReadMapFile(rescue)->set.layers.at(0).tiles), ContentOf(layer.tiles()));
 }
 
+TEST_F(MapFileMemoryTest, NoTileIsTakenForAnother) {
+  Open();
+  Layer layer(LayerId{"robot", 1}, SessionId{1, 1});
+  for (int step = 0; step < 50; ++step) CommitTo(layer);
+  const LayerSet set{.options = map_.options(), .layers = {layer.Snapshot()}};
+  ASSERT_TRUE(file_->Save(set)->empty());
+  for (int n = 0; n < 2; ++n) {
+    const auto key = std::pair(n, 0);
+    ASSERT_NE(set.layers[0].tiles.Find({key.first, key.second}), nullptr);
+  }
+  ContentOf(set.layers[0].tiles);  // nothing else is in memory than the last ones
+  SQLite::Database(path_, SQLite::OPEN_READWRITE)
+      .exec(
+          "UPDATE tile SET number = -number WHERE ty = 0 AND tx < 2;"
+          "UPDATE tile SET number = (SELECT -number FROM tile AS other WHERE other.number < 0 AND "
+          "other.tx = 1 - tile.tx) WHERE number < 0 AND tx = 0");
+  EXPECT_EQ(set.layers[0].tiles.Find({1, 0})->TryGet(), nullptr);
+  EXPECT_FALSE(file_->Save(set)->empty());
+}
+
+// A disk that is away for a moment.
+TEST_F(MapFileMemoryTest, NoScanWritesOverWhatCannotBeRead) {
+  Open();
+  Layer layer(LayerId{"robot", 1}, SessionId{1, 1});
+  for (int step = 0; step < 50; ++step) CommitTo(layer);
+  const LayerSet set{.options = map_.options(), .layers = {layer.Snapshot()}};
+  ASSERT_TRUE(file_->Save(set)->empty());
+  const Content content = ContentOf(set.layers[0].tiles);
+  SQLite::Database database(path_, SQLite::OPEN_READWRITE);
+  database.exec("UPDATE tile SET checksum = checksum + 1");
+  PlacedScan scan;
+  PlacedBeam beam;
+  beam.origin_world_m = {1, 1};
+  beam.direction_world = {1, 0};
+  beam.range_m = 3;
+  beam.hit = true;
+  scan.beams = {beam};
+  ScanFolder folder(map_.options());
+  folder.Fold(scan, {}, layer);
+  database.exec("UPDATE tile SET checksum = checksum - 1");
+  for (const auto& [key, tile] : content) {
+    EXPECT_EQ(*FindTile(layer.tiles(), {key.first, key.second}), tile.first);
+  }
+  folder.Fold(scan, {}, layer);
+  EXPECT_NE(ContentOf(layer.tiles()), content);
+}
+
+TEST_F(MapFileMemoryTest, ASaveToAnotherFileTakesNothingFromTheFirst) {
+  Open();
+  Layer layer(LayerId{"robot", 1}, SessionId{1, 1});
+  for (int step = 0; step < 50; ++step) CommitTo(layer);
+  const LayerSet set{.options = map_.options(), .layers = {layer.Snapshot()}};
+  ASSERT_TRUE(file_->Save(set)->empty());
+  const std::string other = directory_.File("other.splinemap");
+  ASSERT_TRUE(MapFile::Open(other, memory_)->Save(set)->empty());
+  ASSERT_TRUE(file_->Save(set)->empty());
+  ASSERT_TRUE(file_->Close().ok());
+  for (const std::string& path : {path_, other}) {
+    const auto loaded = ReadMapFile(path);
+    EXPECT_TRUE(loaded->corruption.empty());
+    EXPECT_EQ(ContentOf(loaded->set.layers.at(0).tiles), ContentOf(layer.tiles()));
+  }
+}
+
 TEST_F(MapFileMemoryTest, ATileThatCannotBeReadIsTold) {
   Open();
   Layer layer(LayerId{"robot", 1}, SessionId{1, 1});
@@ -148,7 +213,8 @@ TEST_F(MapFileMemoryTest, ATileThatCannotBeReadIsTold) {
   const auto problems = file_->Save(set);
   ASSERT_TRUE(problems.ok());
   ASSERT_EQ(problems->size(), 1u);
-  EXPECT_NE(problems->front().find("tile (3, 2) cannot be read"), std::string::npos) << problems->front();
+  EXPECT_NE(problems->front().find("tile (3, 2) cannot be read"), std::string::npos)
+      << problems->front();
 }
 
 }  // namespace splinemap::map_file_memory_test

@@ -26,8 +26,9 @@ class Numbers : public TileSource {
  public:
   using TileSource::TileSource;
 
-  std::shared_ptr<const Tile> Load(int64_t number) override {
+  std::shared_ptr<const Tile> Load(int64_t number, uint64_t /*checksum*/) override {
     ++loads;
+    if (is_broken) return nullptr;
     return std::make_shared<const Tile>(TileOf(static_cast<int>(number)));
   }
   void Forget(int64_t number) override {
@@ -36,6 +37,7 @@ class Numbers : public TileSource {
   }
 
   std::atomic<int> loads = 0;
+  std::atomic<bool> is_broken = false;
   Mutex mutex;
   std::vector<int64_t> forgotten;
 };
@@ -117,6 +119,36 @@ TEST_F(StoredTileTest, ANumberIsForgottenWithItsTile) {
     EXPECT_TRUE(elsewhere->forgotten.empty());
   }
   EXPECT_EQ(memory_->num_tiles(), 0u);
+}
+
+TEST_F(StoredTileTest, WhatCannotBeReadIsReadWhenItCan) {
+  const auto tile = At(7);
+  source_->is_broken = true;
+  EXPECT_EQ(tile->TryGet(), nullptr);
+  EXPECT_EQ(*tile->Get(), Tile());
+  source_->is_broken = false;
+  EXPECT_EQ(*tile->Get(), TileOf(7));
+}
+
+TEST_F(StoredTileTest, WhatIsInMemoryStaysWhereThereIsRoom) {
+  const auto large = std::make_shared<TileMemory>(100'000);
+  const auto source = std::make_shared<Numbers>(large);
+  std::vector<std::shared_ptr<const StoredTile>> tiles;
+  for (int n = 0; n < 3000; ++n) {
+    tiles.push_back(std::make_shared<const StoredTile>(source, n));
+    tiles.back()->Get();
+  }
+  for (int n = 0; n < 20'000; ++n) {  // they come and go
+    std::make_shared<const StoredTile>(TileOf(n))->SetSource(source, n);
+  }
+  EXPECT_EQ(large->num_tiles(), 3000u);
+}
+
+TEST_F(StoredTileTest, OnlyTheFirstOfTwoSourcesIsTaken) {
+  const auto tile = std::make_shared<const StoredTile>(TileOf(1));
+  EXPECT_TRUE(tile->SetFirstSource(source_, 1));
+  EXPECT_FALSE(tile->SetFirstSource(std::make_shared<Numbers>(memory_), 5));
+  EXPECT_EQ(tile->NumberAt(source_.get()), 1);
 }
 
 TEST_F(StoredTileTest, ManyThreadsSeeTheSameTiles) {

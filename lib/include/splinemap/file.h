@@ -121,6 +121,7 @@ class MapFile {
   std::shared_ptr<TileMemory> memory_;
   std::shared_ptr<TileRows> rows_;  // of a writer, once the limits of tiles are known
   int64_t used_bytes_ = 0;
+  bool is_closed_ = false;
   bool is_known_ = false;  // the tables hold saved_, and nothing else
   std::vector<SavedLayer> saved_;
 };

@@ -27,8 +27,11 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
   StoredTile& operator=(const StoredTile&) = delete;
   ~StoredTile();
 
-  // The content, which stays in memory for as long as the caller has it.
+  // The content, which stays in memory for as long as the caller has it; zeros where it cannot be
+  // read, which its source tells, and which is tried again with the next call.
   std::shared_ptr<const Tile> Get() const;
+  // Null where it cannot be read. For those who write what they make of it.
+  std::shared_ptr<const Tile> TryGet() const;
   // The content to be written. Requires that it has no source, and that nobody else has this
   // object.
   Tile& Edit();
@@ -43,11 +46,15 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
   // From now on it may leave memory, and comes back from there. Requires a number other than 0 that
   // is its alone.
   void SetSource(std::shared_ptr<TileSource> source, int64_t number) const;
+  // False where it has a source already, and keeps that.
+  bool SetFirstSource(std::shared_ptr<TileSource> source, int64_t number) const;
 
  private:
   friend class TileMemory;
   class Guard;
 
+  bool SetSource(std::shared_ptr<TileSource> source, int64_t number, bool only_first) const;
+  bool IsCounted() const;
   enum class Eviction { kDone, kWasUsed, kNothingToDo };
   Eviction Evict() const;
 
