@@ -21,6 +21,7 @@
 #include "fmt/format.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
+#include "lib/tiles/tile_memory.h"
 #include "splinemap/file.h"
 #include "tests/fault/map_history.h"
 #include "tests/support/random_map.h"
@@ -62,8 +63,14 @@ struct Progress {
 // Does something to the file until it is killed, or has done it often enough.
 using Work = std::function<void(const std::string& path, uint64_t seed, Progress& progress)>;
 
+// As a daemon whose map is larger than its memory.
+absl::StatusOr<MapFile> OpenWithLittleMemory(const std::string& path) {
+  constexpr size_t kMaxTiles = 8;
+  return MapFile::Open(path, std::make_shared<TileMemory>(kMaxTiles));
+}
+
 void Save(const std::string& path, uint64_t seed, Progress& progress) {
-  auto file = MapFile::Open(path);
+  auto file = OpenWithLittleMemory(path);
   if (!file.ok()) _exit(1);
   const auto loaded = file->Load();
   if (!loaded.ok()) _exit(1);
@@ -74,13 +81,13 @@ void Save(const std::string& path, uint64_t seed, Progress& progress) {
     if (n % 20 != 0) continue;
     if (!file->Close().ok()) _exit(1);
     file = absl::UnknownError("closed");
-    file = MapFile::Open(path);
+    file = OpenWithLittleMemory(path);
     if (!file.ok() || !file->Load().ok()) _exit(1);
   }
 }
 
 void SaveFolds(const std::string& path, uint64_t seed, Progress& progress) {
-  auto file = MapFile::Open(path);
+  auto file = OpenWithLittleMemory(path);
   if (!file.ok()) _exit(1);
   MapHistory history(seed);
   for (int k = 0; k < 10; ++k) history.Next();
@@ -196,7 +203,7 @@ class Kills {
 
   void Check(const Kind& kind, Tally& tally) {
     const auto start = std::chrono::steady_clock::now();
-    auto file = MapFile::Open(path_ + kind.other_file);
+    auto file = OpenWithLittleMemory(path_ + kind.other_file);
     const auto loaded = file.ok() ? file->Load() : file.status();
     tally.slowest_s = std::max(tally.slowest_s, SecondsSince(start));
     if (kind.other_file[0] != '\0') {
