@@ -307,17 +307,22 @@ absl::StatusOr<LoadedMap> MapFile::Load() {
     loaded = WithStatus(path_, [&]() -> absl::StatusOr<LoadedMap> {
       if (!database_) return FailedPrecondition("{} is closed", path_);
       SQLite::Transaction transaction(*database_);  // one state, though another process may write
-      SPLINEMAP_ASSIGN_OR_RETURN(ReadRows read, ReadMap(path_, *database_, make_rows));
-      saved = std::move(read.saved);
+      absl::StatusOr<ReadRows> read = ReadMap(path_, *database_, make_rows);
       // A disk that loses what it has synced can leave pages that two trees take for theirs: all
       // can be read, and the next save would overwrite it. Of a large map that takes too long.
       constexpr size_t kMaxTilesChecked = 16'384;
-      if (read.map.corruption.empty() && CountTiles(read.map.set) <= kMaxTilesChecked) {
+      const bool is_checked =
+          read.ok() ? read->map.corruption.empty() && CountTiles(read->map.set) <= kMaxTilesChecked
+                    : absl::IsNotFound(read.status());
+      if (is_checked) {
         std::string order = database_->execAndGet("PRAGMA integrity_check(1)").getString();
-        if (order != "ok") read.map.corruption.push_back(std::move(order));
         database_->exec("PRAGMA shrink_memory");
+        if (order != "ok" && !read.ok()) return DataLoss("{} is damaged: {}", path_, order);
+        if (order != "ok") read->map.corruption.push_back(std::move(order));
       }
-      return std::move(read.map);
+      SPLINEMAP_RETURN_IF_ERROR(read.status());
+      saved = std::move(read->saved);
+      return std::move(read->map);
     });
     if (loaded.ok() && loaded->corruption.empty()) {
       is_known_ = rows_ != nullptr;

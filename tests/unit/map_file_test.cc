@@ -498,6 +498,38 @@ TEST_F(MapFileTest, OptionsThatCannotBeAreRefusedAndTheFileStays) {
   ExpectEqual(ReadMapFile(path_)->set, map_.Layers());
 }
 
+// As a disk leaves it that loses what it has synced.
+TEST_F(MapFileTest, RecordsOfDifferentSavesAreReported) {
+  Layer& layer = map_.AddLayer({"robot", 1}, {1, 7});
+  Commit(layer, 5);
+  auto file = MapFile::Open(path_);
+  ASSERT_TRUE(file->Save(map_.Layers()).ok());
+  SQLite::Database database(path_, SQLite::OPEN_READWRITE);
+  for (const bool is_setting : {true, false}) {
+    const std::string before = database.execAndGet("SELECT record FROM map").getString();
+    if (is_setting) {
+      SettingsTable settings;
+      LayerSettings setting = settings.Next(layer.id(), 5);
+      setting.muted = true;
+      settings.Merge(layer.id(), setting);
+      map_.SetSettings(settings);
+    } else {
+      layer.BeginCommit();  // which changes no tile
+    }
+    ASSERT_TRUE(file->Save(map_.Layers()).ok());
+    ASSERT_TRUE(ReadMapFile(path_)->corruption.empty());
+    const std::string after = database.execAndGet("SELECT record FROM map").getString();
+    const auto put_record = [&](const std::string& bytes) {
+      SQLite::Statement put(database, "UPDATE map SET record = ?");
+      put.bind(1, bytes.data(), static_cast<int>(bytes.size()));
+      put.exec();
+    };
+    put_record(before);
+    EXPECT_FALSE(ReadMapFile(path_)->corruption.empty()) << is_setting;
+    put_record(after);
+  }
+}
+
 // Files of versions that wrote what none reads any more.
 TEST_F(MapFileTest, OfARecordThatCannotBeOnlyThatIsLost) {
   Commit(map_.AddLayer({"robot", 1}, {5, 1}), 5);

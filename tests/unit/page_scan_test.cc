@@ -359,11 +359,37 @@ TEST_F(DamagedPagesTest, WhatIsInTheLogBesideIsReadToo) {
   EXPECT_EQ(loaded->set.layers[2].tiles.size(), original_.layers[2].tiles.size() - deleted);
 }
 
+// As a disk leaves it that loses what it has synced: all can be read.
+TEST_F(DamagedPagesTest, APageInUseThatIsListedAsFreeIsFoundBeforeASaveOverwritesIt) {
+  size_t used = 2;
+  while (on_page_[used].empty()) ++used;
+  std::string bytes = bytes_;
+  const auto put = [&](size_t place, size_t value) {
+    for (size_t k = 0; k < 4; ++k) bytes[place + k] = static_cast<char>(value >> (24 - 8 * k));
+  };
+  constexpr size_t kFirstFree = 32;
+  put(kFirstFree, used + 1);
+  put(kFirstFree + 4, 1);
+  Write(bytes);
+  auto file = MapFile::Open(path_);
+  const auto loaded = file->Load();
+  ASSERT_TRUE(loaded.ok()) << loaded.status();
+  EXPECT_FALSE(loaded->corruption.empty());
+  EXPECT_NE(loaded->kept_copy, "");
+  ExpectEqual(loaded->set, original_);
+  ASSERT_TRUE(file->Save(loaded->set).ok());
+  const auto again = ReadMapFile(path_);
+  EXPECT_TRUE(again->corruption.empty());
+  ExpectEqual(again->set, original_);
+}
+
 // What writes to a page that is damaged already finds out when it saves.
 TEST_F(DamagedPagesTest, DamageThatASaveFindsIsMendedFromTheMapInMemory) {
   Write(bytes_);
   auto file = MapFile::Open(path_);
   ASSERT_TRUE(file->Load()->corruption.empty());
+  // So that SQLite does not go on with what it has read.
+  SQLite::Database(path_, SQLite::OPEN_READWRITE).exec("UPDATE map SET id = 1");
   {
     std::fstream damaged(path_, std::ios::in | std::ios::out | std::ios::binary);
     for (size_t page = 2; page < on_page_.size(); ++page) {
