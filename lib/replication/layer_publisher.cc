@@ -21,8 +21,8 @@ constexpr int kMaxAnswersAtOnce = 256;
 constexpr std::chrono::milliseconds kLeastDigestInterval(100);
 // Where half of them get lost, one in 64 followers misses all of these.
 constexpr int kDigestsOfKnownState = 6;
-// Followers ask again sooner.
-constexpr std::chrono::milliseconds kPullPause(700);
+// Followers ask again three times in it, so that one who lacks something is heard.
+constexpr std::chrono::milliseconds kPullPause(1200);
 // Where scans are sent, tiles are pushed for so long after a follower asked for that.
 constexpr std::chrono::seconds kTileLease(30);
 
