@@ -132,8 +132,8 @@ class Rows {
       record.add_child(child);
       record.add_number(input.Byte() % 8);
       record.add_revision(input.Byte() != 0 ? 1 : input.Take<uint64_t>());
-      const TileKey key{static_cast<int32_t>(8 * x - 4 + child % 8),
-                        static_cast<int32_t>(8 * y - 4 + child / 8 % 8)};
+      const TileKey key{static_cast<int32_t>(8 * static_cast<uint64_t>(x) - 4 + child % 8),
+                        static_cast<int32_t>(8 * static_cast<uint64_t>(y) - 4 + child / 8 % 8)};
       record.add_checksum(child < 64 ? TileChecksum(key, tiles_[input.Byte() % 4])
                                      : input.Take<uint64_t>());
       record.add_touched(input.Take<uint32_t>());
