@@ -47,11 +47,11 @@ rm -rf "$root"
 mkdir -p "$clean"
 say "debootstrap .."
 debootstrap --variant=minbase --include=ca-certificates bookworm "$root" \
-  http://deb.debian.org/debian > "$clean/debootstrap.log" || fail "see $clean/debootstrap.log"
+  > "$clean/debootstrap.log" || fail "see $clean/debootstrap.log"
 cp /etc/resolv.conf "$root/etc/"
 printf '#!/bin/sh\nexit 101\n' > "$root/usr/sbin/policy-rc.d"  # nothing is started in a chroot
 chmod +x "$root/usr/sbin/policy-rc.d"
-mkdir "$root/packages" "$root/splinemap"
+mkdir "$root/packages" "$root/splinemap" "$root/checks"
 cp "$top"/build/packages/*.deb "$root/packages/"
 
 # apt PACKAGE..: in the clean Debian.
@@ -137,22 +137,22 @@ else
 fi
 
 begin=$SECONDS
-inside bash -c 'cd /root && /splinemap/tests/integration/readme.sh /splinemap' > "$clean/readme.log" 2>&1 ||
+inside bash -c 'cd /checks && /splinemap/tests/integration/readme.sh /splinemap' > "$clean/readme.log" 2>&1 ||
   { tail -n 5 "$clean/readme.log" >&2; fail "the commands of the documents; see $clean/readme.log"; }
 say "$(grep -E '[0-9]+ commands ran' "$clean/readme.log"), $((SECONDS - begin)) s"
 for flags in "" --two-robots; do
-  inside bash -c "cd /root && /splinemap/deploy/demo.sh --installed $flags" > "$clean/demo.log" 2>&1 ||
+  inside bash -c "cd /checks && /splinemap/deploy/demo.sh --installed $flags" > "$clean/demo.log" 2>&1 ||
     { tail -n 5 "$clean/demo.log" >&2; fail "the demo $flags; see $clean/demo.log"; }
   say "demo.sh --installed $flags: $(grep -E '^The map|^Sent' "$clean/demo.log" | head -n 1)"
 done
 # shellcheck disable=SC2016  # of the inner shell
-inside bash -ec 'cmake -G Ninja -S /splinemap/tests/consumer -B /root/consumer -DCMAKE_BUILD_TYPE=Release
-  cmake --build /root/consumer
-  c++ /splinemap/tests/consumer/ask.cc -o /root/ask $(pkg-config --cflags --libs splinemap)' \
+inside bash -ec 'cmake -G Ninja -S /splinemap/tests/consumer -B /checks/consumer -DCMAKE_BUILD_TYPE=Release
+  cmake --build /checks/consumer
+  c++ /splinemap/tests/consumer/ask.cc -o /checks/ask $(pkg-config --cflags --libs splinemap)' \
   > "$clean/consumer.log" 2>&1 || { tail -n 20 "$clean/consumer.log" >&2; fail "the consumer"; }
 say "a program that links the libraries is built, with CMake and with pkg-config"
 
 [[ $with_systemd == yes ]] || { print_time_taken tests/clean_debian.sh; exit 0; }
-cp "$top/tests/integration/unit.sh" "$root/root/"
-inside bash /root/unit.sh /splinemap || fail "the unit"
+cp "$top/tests/integration/unit.sh" "$root/checks/"
+inside bash /checks/unit.sh /splinemap || fail "the unit"
 print_time_taken tests/clean_debian.sh
