@@ -31,7 +31,8 @@ absl::Status SyncFolderOf(const std::string& path);
 
 // A file in the making, under a temporary name beside its own. A reader sees the old content until
 // Commit() and the whole new content afterwards, also when the power fails; without a Commit()
-// nothing is left behind, unless the process is killed. Errors name the path and the system's reason. Thread-compatible.
+// nothing is left behind, unless the process is killed. Errors name the path and the system's
+// reason. Thread-compatible.
 class NewFile {
  public:
   // InvalidArgument for a folder or a device, which would be replaced.

@@ -8,8 +8,6 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdio>
-#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -56,15 +54,6 @@ void DiskLog::Begin(const std::string& folder) {
   }
   now_ = initial_;
   names_ = initial_names_;
-}
-
-std::vector<size_t> DiskLog::Syncs() const {
-  std::vector<size_t> syncs;
-  for (size_t k = 0; k < operations_.size(); ++k) {
-    const Kind kind = operations_[k].kind;
-    if (kind == Kind::kSync || kind == Kind::kSyncNames) syncs.push_back(k);
-  }
-  return syncs;
 }
 
 void DiskLog::WriteDisk(const Cut& cut, std::mt19937_64& random, const std::string& folder) const {

@@ -24,8 +24,6 @@ class DiskLog {
   void End() { folder_.clear(); }
   // How much was asked so far; an instant is a number up to it.
   size_t size() const { return operations_.size(); }
-  // Instants at which something was brought to the disk.
-  std::vector<size_t> Syncs() const;
 
   // What the disk does with what was not synced.
   enum class Unsynced { kLost, kKept, kAny };

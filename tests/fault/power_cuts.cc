@@ -1,13 +1,10 @@
 // Cuts the power of a disk at every instant of what is done to map files, and lets every operation
 // on the disk fail; see README.md.
-#include <fcntl.h>
 #include <sqlite3.h>
-#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <functional>

@@ -113,7 +113,10 @@ start_drive() {  # SPEED
   ) &
   driving=$!
 }
-end_drive() { kill "$driving" && wait "$driving" || true; }
+end_drive() {
+  kill "$driving"
+  wait "$driving" || true
+}
 last_written_ms() {  # FILE
   stat -c %.3Y "$1" "$1-wal" 2> /dev/null | sort -n | tail -n 1 | tr -d .
 }
@@ -208,7 +211,7 @@ said() {
 }
 
 fail_syncs() {
-  local injected=(strace -D -f -qq -o /dev/null -e trace=fsync,fdatasync -e)
+  local injected=(strace -D -f -qq -o /dev/null -e "trace=fsync,fdatasync" -e)
   if ! strace -qq -o /dev/null -e trace=fsync true 2> /dev/null; then
     skip "failing and slow syncs" "strace is missing, or may not trace"
     return

@@ -29,7 +29,7 @@ done
 
 top=$(cd "$(dirname "$(readlink -f "$0")")/../.." && pwd -P)
 dev=$top/build/dev
-export PATH=$dev/clients/splinemap:$dev/services/splinemapd:$dev/tests:$PATH
+export PATH=$dev/clients/splinemap:$dev/clients/planner:$dev/services/splinemapd:$dev/tests:$PATH
 failed=()
 # run NAME COMMAND..
 run() {
@@ -44,9 +44,9 @@ run() {
 memory=/dev/shm
 [[ -w $memory ]] || memory=${TMPDIR:-/tmp}
 run "power cuts and failing disks" \
-  env TMPDIR=$memory power_cuts --cuts $((seconds * 100)) --seed "$seed"
+  env TMPDIR="$memory" power_cuts --cuts $((seconds * 100)) --seed "$seed"
 run "kills while map files are written" \
-  env TMPDIR=$memory kills --kills $((seconds * 10)) --seed "$seed" --recovery
+  env TMPDIR="$memory" kills --kills $((seconds * 10)) --seed "$seed" --recovery
 run "programs" "$top/tests/fault/programs.sh" --seconds $((seconds * 4 / 10)) --seed "$seed"
 run "full and read-only disks" "$top/tests/integration/files.sh" "$top"
 run "a hub (tcpq) and a network that die and come back" "$top/tests/integration/bus_away.sh" "$top"
