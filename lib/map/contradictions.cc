@@ -1,6 +1,7 @@
 #include "lib/map/contradictions.h"
 
-#include "absl/hash/hash.h"
+#include <xxhash.h>
+
 #include "fmt/format.h"
 #include "lib/map/control_point_reader.h"
 #include "lib/map/summed_layers.h"
@@ -65,7 +66,7 @@ void VisitPointsOf(const LayerSet& set, const MapView& sum, uint64_t one_of,
         SummedLayers({}, std::make_shared<TileMemory>(kTilesAtOnce)).Update(alone)->tiles;
     OtherLayers others(sum.tiles, placed);
     placed.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-      if (absl::HashOf(key) % one_of != 0) return;
+      if (XXH3_64bits(&key, sizeof key) % one_of != 0) return;
       if (sum.tiles.Find(key) == entry.tile.get()) return;  // no other layer has any of it
       const std::shared_ptr<const Tile> tile = entry.tile->Get();
       for (int k = 0; k < Tile::kSize; ++k) {

@@ -19,13 +19,13 @@
 #include "lib/layers/validity.h"
 #include "lib/store/map_records.h"
 #include "lib/store/page_scan.h"
+#include "lib/store/tile_rows.h"
 #include "splinemap/file.h"
 
 namespace splinemap {
 namespace {
 
 constexpr int kBusyTimeoutMs = 5000;
-constexpr int kMaxSqliteRowBytes = 1 << 20;
 
 // A failed fsync: what was written since the last may be lost, though it can still be read.
 bool IsFailedSync(int extended_error_code) {
@@ -63,12 +63,9 @@ absl::Status ToStatus(const std::string& path, const SQLite::Exception& exceptio
 
 std::unique_ptr<SQLite::Database> Connect(const std::string& path, int flags) {
   auto database = std::make_unique<SQLite::Database>(path, flags, kBusyTimeoutMs);
-  // A file may come from anywhere.
-  database->exec("PRAGMA trusted_schema = OFF");
-  database->exec("PRAGMA cell_size_check = ON");
+  GuardConnection(*database);
   // Pages out of use hold no rows then that could be taken for rows of a damaged file.
   database->exec("PRAGMA secure_delete = ON");
-  sqlite3_limit(database->getHandle(), SQLITE_LIMIT_LENGTH, kMaxSqliteRowBytes);
   return database;
 }
 

@@ -286,6 +286,7 @@ class MapReader {
   void HandleDamagedSquare(const absl::Status& status) { Damage(ErrorText(status)); }
 
   using ReadTile = absl::StatusOr<std::shared_ptr<const StoredTile>>;
+  // A tile that a square of the tree names; the error where it cannot be read.
   void HandleEntry(int64_t tree, const SquareEntry& entry, ReadTile tile) {
     if (tree < 0) {
       if (tile.ok()) archives_->AddBaseTile(TreeOfBase(tree), entry.key, *std::move(tile));
@@ -581,8 +582,6 @@ void MakeSchema(SQLite::Database& database) {
   RemakeTables(database);
   transaction.commit();
 }
-
-bool HasCurrentSchema(SQLite::Database& database) { return VersionOf(database) == kSchemaVersion; }
 
 void RemakeTables(SQLite::Database& database) {
   for (const char* table :

@@ -72,8 +72,6 @@ absl::StatusOr<LoadedMap> ReadMapOfPages(const std::string& path);
 // Whether the pages of a file hold an intact record of a map or a layer.
 bool PagesHoldMap(const std::string& path);
 
-// Whether the tables are those of today.
-bool HasCurrentSchema(SQLite::Database& database);
 // Empty tables of today in place of those that are there. Requires a transaction.
 void RemakeTables(SQLite::Database& database);
 

@@ -39,6 +39,13 @@ Square SquareOf(TileKey key) { return {PlaceInSquares(key.tx), PlaceInSquares(ke
 
 }  // namespace
 
+void GuardConnection(SQLite::Database& database) {
+  constexpr int kMaxRowBytes = 1 << 20;
+  database.exec("PRAGMA trusted_schema = OFF");
+  database.exec("PRAGMA cell_size_check = ON");
+  sqlite3_limit(database.getHandle(), SQLITE_LIMIT_LENGTH, kMaxRowBytes);
+}
+
 uint64_t ChecksumOfRow(uint64_t tile_checksum, int64_t layer_row, uint64_t revision) {
   const std::array<uint64_t, 2> row{ToUnsigned(layer_row), revision};
   return XXH3_64bits_withSeed(row.data(), sizeof row, tile_checksum);
@@ -132,21 +139,13 @@ class TileRows::Connection {
  public:
   Connection(const std::string& path, ControlLimits limits)
       : database_(path, SQLite::OPEN_READONLY, /*aBusyTimeoutMs=*/5000),
-        reader_((Guard(database_), database_), limits) {}
+        reader_((GuardConnection(database_), database_), limits) {}
 
   absl::StatusOr<Tile> Read(int64_t number, uint64_t checksum) {
     return reader_.Read(number, checksum);
   }
 
  private:
-  // A file may come from anywhere.
-  static void Guard(SQLite::Database& database) {
-    constexpr int kMaxRowBytes = 1 << 20;
-    database.exec("PRAGMA trusted_schema = OFF");
-    database.exec("PRAGMA cell_size_check = ON");
-    sqlite3_limit(database.getHandle(), SQLITE_LIMIT_LENGTH, kMaxRowBytes);
-  }
-
   SQLite::Database database_;
   TileReader reader_;
 };
@@ -174,7 +173,7 @@ std::shared_ptr<const Tile> TileRows::Load(int64_t number, uint64_t checksum) {
 
 void TileRows::Forget(int64_t number) {
   MutexLock lock(mutex_);
-  if (!has_left_) forgotten_.push_back(number);
+  if (!has_ended_) forgotten_.push_back(number);
 }
 
 int64_t TileRows::NewNumber() {
@@ -255,7 +254,7 @@ void TileRows::Part() {
 
 void TileRows::End() {
   MutexLock lock(mutex_);
-  has_left_ = true;
+  has_ended_ = true;
   forgotten_ = {};
 }
 

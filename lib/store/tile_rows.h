@@ -56,6 +56,10 @@ inline constexpr const char* kTileTables = R"(
 inline constexpr std::string_view kTileForm = "iiiiiib";
 inline constexpr std::string_view kSquareForm = "iiibi";
 
+// Of every connection to a map file, which may come from anywhere: no function of its schema is
+// called, no broken page is read, and no row is larger than any of ours.
+void GuardConnection(SQLite::Database& database);
+
 struct TileRow {
   int64_t number = 0;
   int64_t layer = 0;  // when it was written, as well as the revision
@@ -139,7 +143,7 @@ class TileRows : public TileSource {
   bool may_connect_ ABSL_GUARDED_BY(reading_mutex_) = true;
   std::vector<std::string> problems_ ABSL_GUARDED_BY(reading_mutex_);
   Mutex mutex_;  // taken by who frees a tile, anywhere
-  bool has_left_ ABSL_GUARDED_BY(mutex_) = false;
+  bool has_ended_ ABSL_GUARDED_BY(mutex_) = false;
   int64_t last_number_ ABSL_GUARDED_BY(mutex_) = 0;
   // Of the thread that writes.
   int64_t num_rows_ = 0;

@@ -96,27 +96,6 @@ start_base() {
   splinemapd --no-sensors --name base --map base.splinemap 2>> base.log &
   base=$!
 }
-start_watching() {
-  splinemap watch --json > status.jsonl 2> /dev/null &
-  watching=$!
-}
-# of ROBOT'S STATUS: a field of the last that it published.
-status() { grep -a '"robot"' status.jsonl | tail -n 1 | jq "$1" 2> /dev/null || echo 0; }
-start_drive() {  # SPEED
-  (
-    trap 'kill "$player"; exit' TERM
-    while true; do
-      lcm-logplayer -s "$1" drive.lcmlog > /dev/null 2>&1 &
-      player=$!
-      wait "$player"
-    done
-  ) &
-  driving=$!
-}
-end_drive() {
-  kill "$driving"
-  wait "$driving" || true
-}
 last_written_ms() {  # FILE
   stat -c %.3Y "$1" "$1-wal" 2> /dev/null | sort -n | tail -n 1 | tr -d .
 }
@@ -127,7 +106,7 @@ kill_daemons() {
   local killed_ms saved lost_ms found
   start_base
   start_watching
-  start_drive 10
+  start_drive drive.lcmlog 10
   while ((SECONDS < end)); do
     start_robot
     pause_ms "$(random_ms 300 2500)"
@@ -138,7 +117,7 @@ kill_daemons() {
       stops=$((stops + 1))
       pause_ms "$(random_ms 0 300)"
     fi
-    saved=$(status .saved_revision)
+    saved=$(status_of robot .saved_revision)
     kill -KILL "$robot"
     killed_ms=$(now_ms)
     { wait "$robot" || true; } 2> /dev/null
@@ -171,7 +150,7 @@ kill_daemons() {
   sleep 6  # pulls
   end "$robot" || complain "the daemon: $(tail -n 3 robot.log)"
   end "$base" || complain "the base station: $(tail -n 3 base.log)"
-  end "$watching" 2> /dev/null || true
+  end_watching
   row "kill: daemon that maps" "$tried" "$survived" "$((most_ms / 1000)).$(printf %03d $((most_ms % 1000))) s since the last save, most"
   row "kill: base station that follows" "$tried_base" "$survived_base" "nothing: it is sent again"
   row "stop and go on (SIGSTOP)" "$stops" "$stops" "nothing"
@@ -183,21 +162,21 @@ kill_daemons() {
 # maps WHAT: the robot that runs goes on mapping.
 maps() {
   local before
-  before=$(status .scans_mapped)
+  before=$(status_of robot .scans_mapped)
   sleep 3
-  (($(status .scans_mapped) > before)) || complain "$1: it does not map on"
+  (($(status_of robot .scans_mapped) > before)) || complain "$1: it does not map on"
 }
 begin_single() {
   rm -f robot.splinemap* base.splinemap* robot.log
   : > robot.log
   start_watching
-  start_drive 5
+  start_drive drive.lcmlog 5
 }
 end_single() {  # STATUS
   local status=0
   end_drive
   { end "$robot" || status=$?; } 2> /dev/null
-  end "$watching" 2> /dev/null || true
+  end_watching
   [[ $1 == any ]] || ((status == $1)) || complain "status $status: $(tail -n 3 robot.log)"
   splinemap verify robot.splinemap > verify.out 2>&1 || complain "$(cat verify.out)"
 }
@@ -235,7 +214,7 @@ fail_syncs() {
   start_robot "${injected[@]}" inject=fsync,fdatasync:delay_exit=300000
   sleep 8
   maps "a slow disk"
-  [[ $(status '.problems | length') == 0 ]] || complain "a slow disk: $(status .problems)"
+  [[ $(status_of robot '.problems | length') == 0 ]] || complain "a slow disk: $(status_of robot .problems)"
   end_single 0
   row "slow disk: 0.3 s for each sync" 1 1 "nothing"
 }

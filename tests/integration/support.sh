@@ -36,3 +36,32 @@ await() {
   done
   fail "did not come true in 20 s: $*"
 }
+
+# start_drive LOG SPEED: plays the log again and again, until end_drive.
+start_drive() {
+  (
+    trap 'kill "$player"; exit' TERM
+    while true; do
+      lcm-logplayer -s "$2" "$1" > /dev/null 2>&1 &
+      player=$!
+      wait "$player"
+    done
+  ) &
+  driving=$!
+}
+end_drive() {
+  kill "$driving"
+  wait "$driving" 2> /dev/null || true
+}
+
+# Keeps what daemons publish for status_of, until end_watching.
+start_watching() {
+  splinemap watch --json > status.jsonl 2> /dev/null &
+  watching=$!
+}
+end_watching() {
+  kill "$watching"
+  wait "$watching" 2> /dev/null || true
+}
+# status_of ROBOT FIELD: of its last status; 0 where there is none.
+status_of() { grep -a "\"$1\"" status.jsonl | tail -n 1 | jq "$2" 2> /dev/null || echo 0; }

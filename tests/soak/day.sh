@@ -44,22 +44,12 @@ splinemap simulate drive.lcmlog 2> /dev/null
 splinemapd --no-sensors --name base --map base.splinemap 2> base.log &
 base=$!
 start_robot
-splinemap watch --json > status.jsonl 2> /dev/null &
-watching=$!
-(
-  trap 'kill "$player"; exit' TERM
-  while true; do
-    lcm-logplayer -s "$speed" drive.lcmlog > /dev/null 2>&1 &
-    player=$!
-    wait "$player"
-  done
-) &
-driving=$!
+start_watching
+start_drive drive.lcmlog "$speed"
 
 resident_kb() { awk '/VmRSS/ { print $2 }' "/proc/$1/status"; }
 open_files() { find "/proc/$1/fd" -mindepth 1 2> /dev/null | wc -l; }
 kb_of() { du -c --apparent-size -k "$1"* | tail -n 1 | cut -f 1; }
-scan_ms() { grep -a '"robot"' status.jsonl | tail -n 1 | jq '.scan_time_mean_ms // 0'; }
 
 names=(robot_kB base_kB robot_files base_files robot_map_kB base_map_kB scan_ms)
 printf '%8s' s; printf '%14s' "${names[@]}"; echo
@@ -71,7 +61,7 @@ while ((SECONDS < begun + duration_s)); do
   if ((SECONDS - started >= duration_s / restarts / 2)); then
     printf '%8d %13d %13d %13d %13d %13d %13d %13.3f\n' $((SECONDS - begun)) \
       "$(resident_kb "$robot")" "$(resident_kb "$base")" "$(open_files "$robot")" \
-      "$(open_files "$base")" "$(kb_of robot.splinemap)" "$(kb_of base.splinemap)" "$(scan_ms)" |
+      "$(open_files "$base")" "$(kb_of robot.splinemap)" "$(kb_of base.splinemap)" "$(status_of robot '.scan_time_mean_ms // 0')" |
       tee -a samples
   fi
   if ((SECONDS - started >= duration_s / restarts)); then
@@ -88,14 +78,13 @@ while ((SECONDS < begun + duration_s)); do
     start_robot
   fi
 done
-kill "$driving"
-wait "$driving" 2> /dev/null || true
+end_drive
 sleep 6  # until followers have pulled what they lack
 for program in "$robot" "$base"; do
   kill "$program"
   wait "$program" || fail "a daemon: $(tail -n 3 robot.log base.log)"
 done
-kill "$watching"
+end_watching
 splinemap verify robot.splinemap
 expect 0 splinemap diff robot.splinemap base.splinemap
 

@@ -38,6 +38,15 @@ class MapFileMemoryTest : public MapFileTest {
     }
   }
 
+  // Opens the file and saves the layer to it after some commits.
+  LayerSet Fill(Layer& layer) {
+    Open();
+    for (int step = 0; step < 50; ++step) CommitTo(layer);
+    LayerSet set{.options = map_.options(), .layers = {layer.Snapshot()}};
+    EXPECT_TRUE(file_->Save(set)->empty());
+    return set;
+  }
+
   int64_t RowsOf(const std::string& path) {
     return SQLite::Database(path).execAndGet("SELECT count(*) FROM tile").getInt64();
   }
@@ -114,11 +123,8 @@ TEST_F(MapFileMemoryTest, RowsThatNobodyNeedsAreDeletedAlsoAfterACrash) {
 }
 
 TEST_F(MapFileMemoryTest, AFileThatIsDeletedIsWrittenElsewhereWithAllTiles) {
-  Open();
   Layer layer(LayerId{"robot", 1}, SessionId{1, 1});
-  for (int step = 0; step < 50; ++step) CommitTo(layer);
-  const LayerSet set{.options = map_.options(), .layers = {layer.Snapshot()}};
-  ASSERT_TRUE(file_->Save(set)->empty());
+  const LayerSet set = Fill(layer);
   const Content content = ContentOf(set.layers[0].tiles);
   for (const char* beside : {"", "-wal", "-shm"}) std::filesystem::remove(path_ + beside);
   // Another map takes its name.
@@ -134,11 +140,8 @@ TEST_F(MapFileMemoryTest, AFileThatIsDeletedIsWrittenElsewhereWithAllTiles) {
 }
 
 TEST_F(MapFileMemoryTest, NoTileIsTakenForAnother) {
-  Open();
   Layer layer(LayerId{"robot", 1}, SessionId{1, 1});
-  for (int step = 0; step < 50; ++step) CommitTo(layer);
-  const LayerSet set{.options = map_.options(), .layers = {layer.Snapshot()}};
-  ASSERT_TRUE(file_->Save(set)->empty());
+  const LayerSet set = Fill(layer);
   for (int n = 0; n < 2; ++n) {
     const auto key = std::pair(n, 0);
     ASSERT_NE(set.layers[0].tiles.Find({key.first, key.second}), nullptr);
@@ -155,11 +158,8 @@ TEST_F(MapFileMemoryTest, NoTileIsTakenForAnother) {
 
 // A disk that is away for a moment.
 TEST_F(MapFileMemoryTest, NoScanWritesOverWhatCannotBeRead) {
-  Open();
   Layer layer(LayerId{"robot", 1}, SessionId{1, 1});
-  for (int step = 0; step < 50; ++step) CommitTo(layer);
-  const LayerSet set{.options = map_.options(), .layers = {layer.Snapshot()}};
-  ASSERT_TRUE(file_->Save(set)->empty());
+  const LayerSet set = Fill(layer);
   const Content content = ContentOf(set.layers[0].tiles);
   SQLite::Database database(path_, SQLite::OPEN_READWRITE);
   database.exec("UPDATE tile SET checksum = checksum + 1");
@@ -181,11 +181,8 @@ TEST_F(MapFileMemoryTest, NoScanWritesOverWhatCannotBeRead) {
 }
 
 TEST_F(MapFileMemoryTest, ASaveToAnotherFileTakesNothingFromTheFirst) {
-  Open();
   Layer layer(LayerId{"robot", 1}, SessionId{1, 1});
-  for (int step = 0; step < 50; ++step) CommitTo(layer);
-  const LayerSet set{.options = map_.options(), .layers = {layer.Snapshot()}};
-  ASSERT_TRUE(file_->Save(set)->empty());
+  const LayerSet set = Fill(layer);
   const std::string other = directory_.File("other.splinemap");
   ASSERT_TRUE(MapFile::Open(other, memory_)->Save(set)->empty());
   ASSERT_TRUE(file_->Save(set)->empty());
@@ -198,11 +195,8 @@ TEST_F(MapFileMemoryTest, ASaveToAnotherFileTakesNothingFromTheFirst) {
 }
 
 TEST_F(MapFileMemoryTest, ATileThatCannotBeReadIsTold) {
-  Open();
   Layer layer(LayerId{"robot", 1}, SessionId{1, 1});
-  for (int step = 0; step < 50; ++step) CommitTo(layer);
-  const LayerSet set{.options = map_.options(), .layers = {layer.Snapshot()}};
-  ASSERT_TRUE(file_->Save(set)->empty());
+  const LayerSet set = Fill(layer);
   Content content = ContentOf(set.layers[0].tiles);
   SQLite::Database(path_, SQLite::OPEN_READWRITE)
       .exec("UPDATE tile SET content = x'00' WHERE tx = 3 AND ty = 2");

@@ -66,7 +66,7 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
   mutable std::atomic<bool> is_locked_{false};  // guards all above
   mutable bool was_used_ = false;
   mutable bool is_counted_ = false;  // by the source's memory
-  bool is_own_ = false;              // tile_ was made by Edit(), and nobody else has seen it
+  bool is_own_ = false;              // tile_ was made here
 };
 
 // Without reading what is the same object.
