@@ -6,13 +6,13 @@ BUILD_PACKAGES=(
   liblcm-dev liblcm-bin libglib2.0-dev libeigen3-dev libprotobuf-dev protobuf-compiler libzstd-dev
   libabsl-dev libfmt-dev libspdlog-dev libcli11-dev libsqlite3-dev libsqlitecpp-dev libxxhash-dev libsodium-dev
   libpng-dev libtiff-dev zlib1g-dev nlohmann-json3-dev libyaml-cpp-dev
-  esbuild libboost-dev libssl-dev prometheus-cpp-dev libsystemd-dev
+  esbuild libboost-dev libssl-dev prometheus-cpp-dev libsystemd-dev libnats-dev
 )
 DEMO_PACKAGES=(jq iproute2)
 TEST_PACKAGES=(
   libgtest-dev jq iproute2 nftables sqlite3 python3 libompl-dev curl
   default-jdk liblcm-java libjchart2d-java libxmlgraphics-commons-java libjide-oss-java
-  xvfb xdotool chromium nodejs openssl strace faketime
+  xvfb xdotool chromium nodejs openssl strace faketime nats-server
 )
 # Node.js of others than Debian brings npm along, and conflicts with the package.
 command -v npm > /dev/null || TEST_PACKAGES+=(npm)

@@ -1,0 +1,179 @@
+#include "lib/fleet/layer_upload.h"
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "lib/base/host_clock.h"
+#include "lib/base/status.h"
+#include "lib/fleet/layer_digest.h"
+
+namespace splinemap {
+namespace {
+
+// So many bytes are sent before what was sent is acknowledged.
+constexpr int64_t kBatchBytes = 64 << 10;
+// Beside the value of an entry: key, hash, and what NATS and TCP add.
+constexpr int64_t kOverheadBytes = 300;
+
+}  // namespace
+
+LayerUpload::LayerUpload(FleetStore& store, LayerId id, const MapOptions& options)
+    : store_(store), id_(std::move(id)), options_(options) {}
+
+absl::Status LayerUpload::Bring(const LayerSnapshot& layer, Pace pace) {
+  const bool is_new = !is_compared_ || store_.connections() != connections_;
+  if (is_new) SPLINEMAP_RETURN_IF_ERROR(Compare());
+  greater_session_.reset();
+  if (session_in_store_ && *session_in_store_ > layer.session) {
+    greater_session_ = session_in_store_;
+    return FailedPrecondition("the fleet has session {} of {}, which is later than {} here",
+                              session_in_store_->number, id_.name, layer.session.number);
+  }
+  if (is_new) {
+    for (const auto& [block, hash] : in_store_) dirty_.insert(block);
+    layer.tiles.ForEach(
+        [&](TileKey key, const TileTree::Entry&) { dirty_.insert(BlockKey::Of(key)); });
+    sums_.clear();
+  } else {
+    TileTree::ForEachDifference(tiles_, layer.tiles,
+                                [&](TileKey key, const TileTree::Entry*, const TileTree::Entry*) {
+                                  dirty_.insert(BlockKey::Of(key));
+                                });
+  }
+  tiles_ = layer.tiles;
+  SPLINEMAP_RETURN_IF_ERROR(WriteBlocks(layer, pace));
+  return WriteDigest(layer);
+}
+
+absl::Status LayerUpload::Compare() {
+  is_compared_ = false;
+  const uint64_t connections = store_.connections();
+  std::map<BlockKey, uint64_t> blocks;
+  uint64_t digest_revision = 0;
+  std::optional<FleetEntry> digest;
+  SPLINEMAP_RETURN_IF_ERROR(
+      store_.List(LayerFilter(id_), /*with_values=*/false, [&](const FleetEntry& entry) {
+        const FleetKey key = ParseFleetKey(entry.key);
+        if (key.kind == FleetKey::Kind::kDigest) digest_revision = entry.revision;
+        if (key.kind == FleetKey::Kind::kBlock && entry.hash != 0) blocks[key.block] = entry.hash;
+      }));
+  session_in_store_.reset();
+  digest_hash_ = 0;
+  if (digest_revision != 0) {
+    const absl::StatusOr<FleetEntry> entry = store_.Get(DigestKey(id_));
+    if (!entry.ok() && !absl::IsOutOfRange(entry.status())) return entry.status();
+    if (entry.ok() && !entry->value.empty()) {
+      // One that is damaged is written anew.
+      const absl::StatusOr<LayerDigest> said = DecodeDigest(entry->value, id_);
+      if (said.ok()) {
+        session_in_store_ = said->session;
+        digest_hash_ = HashOf(*said);
+      }
+    }
+    if (entry.ok()) digest_revision = entry->revision;
+  }
+  in_store_ = std::move(blocks);
+  digest_revision_ = digest_revision;
+  connections_ = connections;
+  is_compared_ = true;
+  ++counts_.compared;
+  return absl::OkStatus();
+}
+
+absl::Status LayerUpload::WriteBlocks(const LayerSnapshot& layer, Pace pace) {
+  // What changed first goes first.
+  struct Due {
+    uint64_t revision;
+    BlockKey key;
+    auto operator<=>(const Due&) const = default;
+  };
+  std::vector<Due> due;
+  for (auto key = dirty_.begin(); key != dirty_.end();) {
+    const LayerBlock block = BlockOf(layer.tiles, *key);
+    if (block.IsEmpty()) {
+      sums_.erase(*key);
+    } else {
+      sums_[*key] = block.SumOf(*key);
+    }
+    const auto stored = in_store_.find(*key);
+    const uint64_t hash = HashOf(block, *key);
+    if (hash == (stored == in_store_.end() ? 0 : stored->second)) {
+      key = dirty_.erase(key);
+      continue;
+    }
+    uint64_t newest = 0;
+    for (const LayerBlock::Entry& entry : block.tiles) newest = std::max(newest, entry.revision);
+    due.push_back({newest, *key});
+    ++key;
+  }
+  std::sort(due.begin(), due.end());
+  for (size_t k = 0; k < due.size();) {
+    std::vector<FleetEntry> batch;
+    int64_t bytes = 0;
+    size_t end = k;
+    for (; end < due.size() && bytes < kBatchBytes; ++end) {
+      const BlockKey key = due[end].key;
+      const LayerBlock block = BlockOf(layer.tiles, key);
+      SPLINEMAP_ASSIGN_OR_RETURN(std::string value, EncodeBlock(block, key, &id_));
+      bytes += static_cast<int64_t>(value.size()) + kOverheadBytes;
+      batch.push_back({BlockKeyOf(id_, key), std::move(value), HashOf(block, key)});
+    }
+    if (!pace(bytes)) return absl::CancelledError("the upload was ended");
+    if (absl::Status status = store_.Put(batch); !status.ok()) {
+      is_compared_ = false;
+      return status;
+    }
+    for (size_t written = k; written < end; ++written) {
+      const BlockKey key = due[written].key;
+      if (batch[written - k].value.empty()) {
+        in_store_.erase(key);
+      } else {
+        in_store_[key] = batch[written - k].hash;
+      }
+      dirty_.erase(key);
+      ++counts_.blocks;
+      counts_.bytes += static_cast<int64_t>(batch[written - k].value.size());
+    }
+    k = end;
+  }
+  return absl::OkStatus();
+}
+
+absl::Status LayerUpload::WriteDigest(const LayerSnapshot& layer) {
+  LayerDigest digest{id_, layer.session, layer.revision, 0, 0, 0, options_, {}};
+  for (const auto& [key, sum] : sums_) {
+    digest.tiles += sum.tiles;
+    digest.hash += sum.hash;
+    digest.box.Add(key.Tile(0));
+    digest.box.Add(key.Tile(15));
+  }
+  const uint64_t hash = HashOf(digest);
+  if (hash == digest_hash_) return absl::OkStatus();
+  digest.utime = HostUtime();
+  const FleetEntry entry{DigestKey(id_), EncodeDigest(digest), hash};
+  const absl::StatusOr<uint64_t> revision = store_.PutIf(entry, digest_revision_);
+  if (!revision.ok()) {
+    is_compared_ = false;  // somebody wrote it, the engine forgot it, or nobody knows
+    return absl::IsAborted(revision.status())
+               ? Unavailable("the fleet's copy of {} was changed beside; it is compared again",
+                             id_.name)
+               : revision.status();
+  }
+  digest_revision_ = *revision;
+  digest_hash_ = hash;
+  session_in_store_ = layer.session;
+  ++counts_.digests;
+  counts_.bytes += static_cast<int64_t>(entry.value.size());
+  return absl::OkStatus();
+}
+
+absl::Status LayerUpload::Look() {
+  if (!is_compared_) return absl::OkStatus();
+  const absl::StatusOr<FleetEntry> entry = store_.Get(DigestKey(id_));
+  if (!entry.ok() && !absl::IsOutOfRange(entry.status())) return entry.status();
+  if (!entry.ok() || entry->revision != digest_revision_) is_compared_ = false;
+  return absl::OkStatus();
+}
+
+}  // namespace splinemap

@@ -1,0 +1,67 @@
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "absl/status/statusor.h"
+#include "lib/base/mutex.h"
+#include "lib/fleet/fleet_address.h"
+#include "lib/fleet/fleet_store.h"
+
+typedef struct __natsConnection natsConnection;
+typedef struct __jsCtx jsCtx;
+
+namespace splinemap {
+
+// A bucket of NATS JetStream. What is written is stored on all servers of the bucket's group, or on
+// most of them, before it is acknowledged; changes come as messages that the engine publishes after
+// it has stored them, so that watching costs it no consumer. Connects again for as long as it
+// exists. Thread-safe.
+class NatsFleetStore : public FleetStore {
+ public:
+  // Unavailable, at once, where no server answers; PermissionDenied where they do not take the
+  // credentials; errors of CheckFleetAddress().
+  static absl::StatusOr<std::unique_ptr<NatsFleetStore>> Connect(const FleetAddress& address);
+  ~NatsFleetStore() override;
+
+  // Makes the bucket, with so many replicas, where it is not there.
+  absl::Status MakeBucket(int replicas);
+
+  absl::Status Put(absl::Span<const FleetEntry> entries) override;
+  absl::StatusOr<uint64_t> PutIf(const FleetEntry& entry, uint64_t expected) override;
+  absl::StatusOr<FleetEntry> Get(const std::string& key) override;
+  absl::Status List(const std::string& filter, bool with_values,
+                    absl::FunctionRef<void(FleetEntry entry)> visit) override;
+  absl::StatusOr<std::unique_ptr<FleetSubscription>> Subscribe(const std::string& filter,
+                                                               Handler handler) override;
+  uint64_t connections() const override;
+
+  // Asks those who answer `subject`, one of each queue group. Unavailable where nobody is there,
+  // DeadlineExceeded.
+  absl::StatusOr<std::string> Request(const std::string& subject, const std::string& request,
+                                      std::chrono::milliseconds deadline);
+  // Answers requests, one of all members of `queue` each, in a thread of the store.
+  using Answer = std::function<std::string(const std::string& request)>;
+  absl::StatusOr<std::unique_ptr<FleetSubscription>> Serve(const std::string& subject,
+                                                           const std::string& queue, Answer answer);
+  // A message to all who listen now; no more than that.
+  absl::Status Tell(const std::string& subject, const std::string& message);
+  absl::StatusOr<std::unique_ptr<FleetSubscription>> Listen(
+      const std::string& subject, std::function<void(const std::string& message)> handler);
+
+  // Why it does not work at the moment; empty while it does.
+  std::string Problem() const;
+  const FleetAddress& address() const { return address_; }
+
+ private:
+  struct State;
+  explicit NatsFleetStore(FleetAddress address);
+
+  absl::Status StatusOf(int status, const std::string& what) const;
+  std::string SubjectOf(const std::string& key) const;
+
+  const FleetAddress address_;
+  const std::unique_ptr<State> state_;
+};
+
+}  // namespace splinemap
