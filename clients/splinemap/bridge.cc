@@ -12,7 +12,7 @@
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/follow.h"
 #include "clients/splinemap/print.h"
-#include "clients/splinemap/region_flag.h"
+#include "lib/config/region_flag.h"
 #include "lcmtypes/michigan/occupancy_grid_t.hpp"
 #include "lib/base/mutex.h"
 #include "lib/base/status.h"

@@ -6,7 +6,7 @@
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
 #include "clients/splinemap/print.h"
-#include "clients/splinemap/region_flag.h"
+#include "lib/config/region_flag.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/map/placed_tile.h"

@@ -10,7 +10,7 @@
 #include "clients/splinemap/files.h"
 #include "clients/splinemap/map_source.h"
 #include "clients/splinemap/print.h"
-#include "clients/splinemap/region_flag.h"
+#include "lib/config/region_flag.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/exchange/csv.h"

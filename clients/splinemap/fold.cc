@@ -7,7 +7,7 @@
 #include "clients/splinemap/files.h"
 #include "clients/splinemap/print.h"
 #include "clients/splinemap/refold.h"
-#include "clients/splinemap/region_flag.h"
+#include "lib/config/region_flag.h"
 #include "clients/splinemap/time_flag.h"
 #include "lib/base/status.h"
 #include "lib/config/config.h"

@@ -11,7 +11,7 @@
 #include "clients/splinemap/files.h"
 #include "clients/splinemap/map_source.h"
 #include "clients/splinemap/print.h"
-#include "clients/splinemap/region_flag.h"
+#include "lib/config/region_flag.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "splinemap/queryable_map.h"

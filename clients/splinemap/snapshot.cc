@@ -9,7 +9,7 @@
 #include "clients/splinemap/follow.h"
 #include "clients/splinemap/print.h"
 #include "clients/splinemap/progress.h"
-#include "clients/splinemap/region_flag.h"
+#include "lib/config/region_flag.h"
 #include "lib/base/status.h"
 #include "lib/logs/lcm_log.h"
 #include "lib/replication/map_follower.h"

@@ -152,6 +152,7 @@ absl::Status FleetFollower::TakeDigest(const FleetEntry& entry, const LayerId& i
     return absl::OkStatus();
   }
   SPLINEMAP_ASSIGN_OR_RETURN(LayerDigest digest, DecodeDigest(entry.value, id));
+  if (HashOf(digest) != entry.hash) return DataLoss("it is not what its writer said");
   Followed& layer = layers_[id];
   layer.digest = std::move(digest);
   layer.changed = now;
@@ -168,6 +169,7 @@ absl::Status FleetFollower::TakeBlock(const FleetEntry& entry, const FleetKey& k
   const ControlLimits limits = map_options_ ? map_options_->limits : kAll;
   SPLINEMAP_ASSIGN_OR_RETURN(const LayerBlock block,
                              DecodeBlock(entry.value, key.block, &key.layer, limits));
+  if (HashOf(block, key.block) != entry.hash) return DataLoss("it is not what its writer said");
   const auto found = layers_.find(key.layer);
   if (block.IsEmpty() && found == layers_.end()) return absl::OkStatus();
   Followed& layer = layers_[key.layer];

@@ -101,9 +101,9 @@ FleetKey ParseFleetKey(std::string_view key) {
   const auto origin = ParseInteger<uint64_t>(tokens[2], 16);
   FleetKey parsed{.layer = {NameOfToken(tokens[1]), origin.value_or(0)}};
   if (!origin || !CheckLayerId(parsed.layer).ok()) return {};
-  if (tokens[0] == "settings" && tokens.size() == 3) {
+  if (key == SettingsKey(parsed.layer)) {
     parsed.kind = Kind::kSettings;
-  } else if (tokens[0] == "layers" && tokens.size() == 4 && tokens[3] == "digest") {
+  } else if (key == DigestKey(parsed.layer)) {
     parsed.kind = Kind::kDigest;
   } else if (tokens[0] == "layers" && tokens.size() == 7 && tokens[3] == "tiles") {
     const auto x = ParseInteger<int32_t>(tokens[5], 10);

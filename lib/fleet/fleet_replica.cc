@@ -228,7 +228,7 @@ void FleetReplica::Publish() {
     layers = follower_.Layers();
   }
   map_.Use(sum_.Update(layers));
-  if (on_change_) on_change_();
+  if (on_change_) on_change_(*this);
 }
 
 }  // namespace splinemap

@@ -23,7 +23,7 @@ namespace splinemap {
 class FleetReplica : public QueryableMap {
  public:
   // Called by the replica's thread after changes, some times a second.
-  using OnChange = std::function<void()>;
+  using OnChange = std::function<void(const FleetReplica& replica)>;
 
   // Follows from now on. `store` outlives it.
   FleetReplica(FleetStore& store, FleetFollowOptions options, OnChange on_change = {});

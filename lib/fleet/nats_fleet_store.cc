@@ -311,7 +311,11 @@ absl::Status NatsFleetStore::StatusOf(int code, const std::string& what) const {
       return Unavailable("no NATS server answers at {}; is nats-server running there?",
                          address_.servers);
     case NATS_NO_RESPONDERS:
-      return Unavailable("{}: nobody answers; do the servers have JetStream, and a leader?", what);
+      return Unavailable(
+          "{}: nobody answers: the servers have no map '{}', which splinemap-fleet-worker makes "
+          "when "
+          "it starts, or no JetStream, or no leader at the moment",
+          what, address_.map);
     case NATS_TIMEOUT:
       return Unavailable("{}: the servers did not answer in time", what);
     case NATS_CONNECTION_CLOSED:

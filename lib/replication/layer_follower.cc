@@ -98,6 +98,33 @@ LayerFollower::LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::ti
   is_established_ = true;
 }
 
+bool LayerFollower::Adopt(const LayerSnapshot& layer, Clock::time_point now) {
+  if (session_ && (layer.session < *session_ || !OwnerIsSilent(now))) return false;
+  if (session_ != layer.session) {
+    ForgetPreviousSession();
+    BeginTree(layer.session);
+    ReplaceTiles(layer);
+    session_since_ = now;
+    is_established_ = true;
+  } else {
+    bool is_news = false;
+    const TileTree before = tiles_.Freeze();
+    TileTree::ForEachDifference(
+        before, layer.tiles,
+        [&](TileKey key, const TileTree::Entry* ours, const TileTree::Entry* theirs) {
+          if (theirs == nullptr || (ours != nullptr && ours->revision >= theirs->revision)) return;
+          Keep(key, theirs->tile, theirs->revision, theirs->tile->Checksum(key));
+          is_news = true;
+        });
+    if (is_news) StopFolding();
+  }
+  kept_revision_ = std::max(kept_revision_, layer.revision);
+  newest_revision_ = std::max(newest_revision_, layer.revision);
+  last_spoken_for_ = now;
+  caught_up_ = true;
+  return true;
+}
+
 bool LayerFollower::Admit(const layer_ref_t& layer) {
   const LayerRef ref = FromMessage(layer);
   if (ref.id != id_) return false;

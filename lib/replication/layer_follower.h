@@ -63,6 +63,11 @@ class LayerFollower {
   LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::time_point now,
                 std::shared_ptr<ScanFolder> folder = nullptr);
 
+  // Takes a copy that came another way than over this bus, of an owner that is silent here: as a
+  // whole where it is of a later session, else those tiles that are newer. False where the owner is
+  // heard, or in a later session.
+  bool Adopt(const LayerSnapshot& layer, Clock::time_point now);
+
   // Beyond, tiles are not taken, and the copy is never in sync.
   void SetMaxTiles(size_t max_tiles) { max_tiles_ = max_tiles; }
 

@@ -274,6 +274,21 @@ LayerFollower* MapFollower::FindOrAdd(const layer_digest_t& digest, Clock::time_
   return &Find(digest.layer)->copy;
 }
 
+bool MapFollower::Adopt(const LayerSnapshot& layer, Clock::time_point now) {
+  if (!IsFollowed(layer.id) || settings().Of(layer.id).IsRemoved(layer.session)) return false;
+  auto followed = layers_.find(layer.id);
+  if (followed == layers_.end()) {
+    if (layers_.size() >= kMaxLayers && !MakeRoom(now)) {
+      Refuse(layer.id, fmt::format("{} layers are followed already", kMaxLayers));
+      return false;
+    }
+    if (gossip_.SetHere(layer.id, layer.session.number)) ++version_;
+    Add(layer.id, NewCopy(layer.id));
+    followed = layers_.find(layer.id);
+  }
+  return followed->second.copy.Adopt(layer, now);
+}
+
 // A tie is for what is there. Nobody who speaks first, or for one layer alone, decides for others.
 void MapFollower::ChooseOptions(const LayerId& id, const MapOptions& options,
                                 Clock::time_point now) {

@@ -85,6 +85,11 @@ class MapFollower {
   // Whether all that anybody has is here: false while this asks who is there, at the beginning.
   bool IsCaughtUp(Clock::time_point now) const;
 
+  // Takes a copy of a layer that came another way than over this bus, as if its owner had been
+  // silent since; this stands in for it then. False where it is not taken: its owner is heard, or
+  // in a later session, or it is not followed.
+  bool Adopt(const LayerSnapshot& layer, Clock::time_point now);
+
   const SettingsTable& settings() const { return gossip_.settings(); }
   // Those that are worth keeping on a disk.
   SettingsTable LastingSettings() const { return gossip_.LastingSettings(); }

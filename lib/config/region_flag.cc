@@ -1,4 +1,4 @@
-#include "clients/splinemap/region_flag.h"
+#include "lib/config/region_flag.h"
 
 #include <CLI/App.hpp>
 #include <iterator>
