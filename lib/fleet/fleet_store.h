@@ -48,8 +48,9 @@ class FleetStore {
   // Aborted where it has another one. Returns the new revision.
   virtual absl::StatusOr<uint64_t> PutIf(const FleetEntry& entry, uint64_t expected) = 0;
 
-  // The newest entry. OutOfRange where the key was never written, or forgotten.
-  virtual absl::StatusOr<FleetEntry> Get(const std::string& key) = 0;
+  // The entry of a key; of a filter, that of all its keys which was written last. OutOfRange where
+  // none was written, or all are forgotten.
+  virtual absl::StatusOr<FleetEntry> Get(const std::string& key_or_filter) = 0;
 
   // Visits the newest entry of every key of `filter`, removed ones too; without values unless
   // `with_values`.

@@ -23,7 +23,7 @@ LayerUpload::LayerUpload(FleetStore& store, LayerId id, const MapOptions& option
 
 absl::Status LayerUpload::Bring(const LayerSnapshot& layer, Pace pace) {
   const bool is_new = !is_compared_ || store_.connections() != connections_;
-  if (is_new) SPLINEMAP_RETURN_IF_ERROR(Compare());
+  if (is_new) SPLINEMAP_RETURN_IF_ERROR(Compare(layer));
   greater_session_.reset();
   if (session_in_store_ && *session_in_store_ > layer.session) {
     greater_session_ = session_in_store_;
@@ -46,39 +46,82 @@ absl::Status LayerUpload::Bring(const LayerSnapshot& layer, Pace pace) {
   return WriteDigest(layer);
 }
 
-absl::Status LayerUpload::Compare() {
+// To list all hashes costs the engine a consumer. It is spared where the entry that was written
+// last is the layer's digest, so that nothing was written after it, and what it says is known.
+absl::Status LayerUpload::Compare(const LayerSnapshot& layer) {
+  const bool had_all = !in_store_.empty() && digest_revision_ != 0 && !is_to_list_;
   is_compared_ = false;
   const uint64_t connections = store_.connections();
-  std::map<BlockKey, uint64_t> blocks;
-  uint64_t digest_revision = 0;
-  std::optional<FleetEntry> digest;
-  SPLINEMAP_RETURN_IF_ERROR(
-      store_.List(LayerFilter(id_), /*with_values=*/false, [&](const FleetEntry& entry) {
-        const FleetKey key = ParseFleetKey(entry.key);
-        if (key.kind == FleetKey::Kind::kDigest) digest_revision = entry.revision;
-        if (key.kind == FleetKey::Kind::kBlock && entry.hash != 0) blocks[key.block] = entry.hash;
-      }));
-  session_in_store_.reset();
-  digest_hash_ = 0;
-  if (digest_revision != 0) {
-    const absl::StatusOr<FleetEntry> entry = store_.Get(DigestKey(id_));
-    if (!entry.ok() && !absl::IsOutOfRange(entry.status())) return entry.status();
-    if (entry.ok() && !entry->value.empty()) {
-      // One that is damaged is written anew.
-      const absl::StatusOr<LayerDigest> said = DecodeDigest(entry->value, id_);
-      if (said.ok()) {
-        session_in_store_ = said->session;
-        digest_hash_ = HashOf(*said);
-      }
+  const absl::StatusOr<FleetEntry> last = store_.Get(LayerFilter(id_));
+  if (!last.ok() && !absl::IsOutOfRange(last.status())) return last.status();
+  const bool is_digest = last.ok() && ParseFleetKey(last->key).kind == FleetKey::Kind::kDigest;
+  if (!last.ok()) {
+    in_store_.clear();
+    digest_revision_ = 0;
+    digest_hash_ = 0;
+    session_in_store_.reset();
+  } else if (is_digest && had_all && last->revision == digest_revision_ &&
+             last->hash == digest_hash_) {
+    // It is the one that was written here last, after all that is known of.
+  } else {
+    SPLINEMAP_RETURN_IF_ERROR(ReadDigest());
+    const bool is_whole = is_digest && last->revision == digest_revision_ && !is_to_list_ &&
+                          digest_hash_ != 0 && digest_hash_ == HashOf(DigestOf(layer));
+    if (is_whole) {
+      in_store_.clear();
+      layer.tiles.ForEach([&](TileKey key, const TileTree::Entry&) {
+        const BlockKey block = BlockKey::Of(key);
+        if (!in_store_.contains(block))
+          in_store_[block] = HashOf(BlockOf(layer.tiles, block), block);
+      });
+    } else {
+      SPLINEMAP_RETURN_IF_ERROR(List());
     }
-    if (entry.ok()) digest_revision = entry->revision;
   }
-  in_store_ = std::move(blocks);
-  digest_revision_ = digest_revision;
   connections_ = connections;
   is_compared_ = true;
-  ++counts_.compared;
+  is_to_list_ = false;
   return absl::OkStatus();
+}
+
+absl::Status LayerUpload::ReadDigest() {
+  digest_revision_ = 0;
+  digest_hash_ = 0;
+  session_in_store_.reset();
+  const absl::StatusOr<FleetEntry> entry = store_.Get(DigestKey(id_));
+  if (absl::IsOutOfRange(entry.status())) return absl::OkStatus();
+  if (!entry.ok()) return entry.status();
+  digest_revision_ = entry->revision;
+  // One that is damaged is written anew.
+  const absl::StatusOr<LayerDigest> digest = DecodeDigest(entry->value, id_);
+  if (!digest.ok()) return absl::OkStatus();
+  session_in_store_ = digest->session;
+  digest_hash_ = HashOf(*digest);
+  return absl::OkStatus();
+}
+
+absl::Status LayerUpload::List() {
+  std::map<BlockKey, uint64_t> blocks;
+  SPLINEMAP_RETURN_IF_ERROR(
+      store_.List(TilesFilter(id_), /*with_values=*/false, [&](const FleetEntry& entry) {
+        const FleetKey key = ParseFleetKey(entry.key);
+        if (key.kind == FleetKey::Kind::kBlock && entry.hash != 0) blocks[key.block] = entry.hash;
+      }));
+  in_store_ = std::move(blocks);
+  ++counts_.listed;
+  return absl::OkStatus();
+}
+
+LayerDigest LayerUpload::DigestOf(const LayerSnapshot& layer) const {
+  LayerDigest digest{id_, layer.session, layer.revision, 0, 0, 0, options_, {}};
+  layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    ++digest.tiles;
+    digest.hash += entry.tile->Checksum(key);
+    const BlockKey block = BlockKey::Of(key);
+    digest.box.Add(block.Tile(0));
+    digest.box.Add(block.Tile(15));
+  });
+  return digest;
 }
 
 absl::Status LayerUpload::WriteBlocks(const LayerSnapshot& layer, Pace pace) {

@@ -12,6 +12,7 @@
 #include "lib/fleet/fleet_key.h"
 #include "lib/fleet/fleet_store.h"
 #include "lib/fleet/layer_block.h"
+#include "lib/fleet/layer_digest.h"
 #include "splinemap/layer_set.h"
 
 namespace splinemap {
@@ -36,21 +37,27 @@ class LayerUpload {
   // where it is not. Call it now and then.
   absl::Status Look();
   // Has the next Bring() compare everything.
-  void CompareAgain() { is_compared_ = false; }
+  void CompareAgain() {
+    is_compared_ = false;
+    is_to_list_ = true;
+  }
 
   // Of the bucket, where Bring() was refused for it.
   std::optional<SessionId> greater_session() const { return greater_session_; }
 
   struct Counts {
-    int64_t blocks = 0;    // written
-    int64_t digests = 0;   // the same
-    int64_t bytes = 0;     // the same, values alone
-    int64_t compared = 0;  // how often everything was
+    int64_t blocks = 0;   // written
+    int64_t digests = 0;  // the same
+    int64_t bytes = 0;    // the same, values alone
+    int64_t listed = 0;   // how often all hashes were read
   };
   const Counts& counts() const { return counts_; }
 
  private:
-  absl::Status Compare();
+  absl::Status Compare(const LayerSnapshot& layer);
+  absl::Status ReadDigest();
+  absl::Status List();
+  LayerDigest DigestOf(const LayerSnapshot& layer) const;
   absl::Status WriteBlocks(const LayerSnapshot& layer, Pace pace);
   absl::Status WriteDigest(const LayerSnapshot& layer);
 
@@ -58,6 +65,7 @@ class LayerUpload {
   const LayerId id_;
   const MapOptions options_;
   bool is_compared_ = false;
+  bool is_to_list_ = false;                // whatever the digest says
   uint64_t connections_ = 0;               // of the store, when everything was compared
   std::map<BlockKey, uint64_t> in_store_;  // hashes of blocks
   uint64_t digest_revision_ = 0;           // of its entry; 0: there is none

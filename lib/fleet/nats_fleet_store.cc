@@ -409,18 +409,22 @@ absl::StatusOr<uint64_t> NatsFleetStore::PutIf(const FleetEntry& entry, uint64_t
   return ack->Sequence;
 }
 
-absl::StatusOr<FleetEntry> NatsFleetStore::Get(const std::string& key) {
+absl::StatusOr<FleetEntry> NatsFleetStore::Get(const std::string& key_or_filter) {
   natsMsg* message = nullptr;
   jsErrCode error = static_cast<jsErrCode>(0);
   const natsStatus status =
       js_GetLastMsg(&message, state_->context.get(), address_.Stream().c_str(),
-                    SubjectOf(key).c_str(), nullptr, &error);
+                    SubjectOf(key_or_filter).c_str(), nullptr, &error);
   const NatsHandle<natsMsg> owned(message);
   if (error == JSNoMessageFoundErr || (status == NATS_NOT_FOUND && error != JSStreamNotFoundErr)) {
-    return absl::OutOfRangeError(fmt::format("the map '{}' has no {}", address_.map, key));
+    return absl::OutOfRangeError(
+        fmt::format("the map '{}' has no {}", address_.map, key_or_filter));
   }
-  if (status != NATS_OK) return StatusOf(status, "to read " + key);
-  return EntryOf(message, key, natsMsg_GetSequence(message));
+  if (status != NATS_OK) return StatusOf(status, "to read " + key_or_filter);
+  const std::string prefix = SubjectOf("");
+  const std::string subject = natsMsg_GetSubject(message);
+  if (!absl::StartsWith(subject, prefix)) return DataLoss("{} is of another bucket", subject);
+  return EntryOf(message, subject.substr(prefix.size()), natsMsg_GetSequence(message));
 }
 
 absl::Status NatsFleetStore::List(const std::string& filter, bool with_values,

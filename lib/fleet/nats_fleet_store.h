@@ -29,7 +29,7 @@ class NatsFleetStore : public FleetStore {
 
   absl::Status Put(absl::Span<const FleetEntry> entries) override;
   absl::StatusOr<uint64_t> PutIf(const FleetEntry& entry, uint64_t expected) override;
-  absl::StatusOr<FleetEntry> Get(const std::string& key) override;
+  absl::StatusOr<FleetEntry> Get(const std::string& key_or_filter) override;
   absl::Status List(const std::string& filter, bool with_values,
                     absl::FunctionRef<void(FleetEntry entry)> visit) override;
   absl::StatusOr<std::unique_ptr<FleetSubscription>> Subscribe(const std::string& filter,

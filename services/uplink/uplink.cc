@@ -1,9 +1,11 @@
 #include "services/uplink/uplink.h"
 
 #include <algorithm>
+#include <random>
 #include <utility>
 
 #include "lib/base/plain_text.h"
+#include "lib/base/random.h"
 #include "lib/base/status.h"
 #include "lib/fleet/layer_digest.h"
 
@@ -12,7 +14,8 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr milliseconds kRetry(1000);
+constexpr std::chrono::duration<double> kRetry(1);
+constexpr std::chrono::duration<double> kLongestRetry(16);
 // How soon it shows that the engine has forgotten the layer, or a part of it that its digest does
 // not tell of.
 constexpr std::chrono::seconds kDigestInterval(10);
@@ -87,6 +90,9 @@ bool Uplink::Wait(const std::stop_token& stop, Clock::time_point until) {
 }
 
 void Uplink::Run(const std::stop_token& stop) {
+  std::mt19937_64 random(RandomId());
+  next_compare_ = Clock::now() + kCompareInterval;
+  std::chrono::duration<double> pause = kRetry;
   while (!stop.stop_requested()) {
     const Clock::time_point begin = Clock::now();
     const absl::Status status = BringOwn(stop);
@@ -94,7 +100,15 @@ void Uplink::Run(const std::stop_token& stop) {
       MutexLock lock(mutex_);
       state_.problem = absl::IsCancelled(status) ? "" : ErrorText(status);
     }
-    Wait(stop, begin + (status.ok() ? options_.interval : std::max(options_.interval, kRetry)));
+    if (status.ok()) {
+      pause = kRetry;
+      Wait(stop, begin + options_.interval);
+    } else {
+      // Not all robots at once, when servers come back.
+      Wait(stop, begin + std::chrono::duration_cast<Clock::duration>(
+                             pause * std::uniform_real_distribution(0.5, 1.5)(random)));
+      pause = std::min(2 * pause, kLongestRetry);
+    }
     // Without changes until it is time to look.
     std::unique_lock lock(mutex_);
     if (status.ok()) {

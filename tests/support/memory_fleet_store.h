@@ -42,12 +42,17 @@ class MemoryFleetStore : public FleetStore {
     return Store(entry);
   }
 
-  absl::StatusOr<FleetEntry> Get(const std::string& key) override {
+  absl::StatusOr<FleetEntry> Get(const std::string& key_or_filter) override {
     MutexLock lock(mutex_);
     if (is_away_) return Unavailable("the store is away");
-    const auto found = entries_.find(key);
-    if (found == entries_.end()) return absl::OutOfRangeError("there is no " + key);
-    return found->second;
+    const FleetEntry* last = nullptr;
+    for (const auto& [key, entry] : entries_) {
+      if (MatchesFilter(key_or_filter, key) && (!last || entry.revision > last->revision)) {
+        last = &entry;
+      }
+    }
+    if (last == nullptr) return absl::OutOfRangeError("there is no " + key_or_filter);
+    return *last;
   }
 
   absl::Status List(const std::string& filter, bool with_values,
@@ -55,6 +60,7 @@ class MemoryFleetStore : public FleetStore {
     std::vector<FleetEntry> listed;
     {
       MutexLock lock(mutex_);
+      ++lists_;
       if (is_away_) return Unavailable("the store is away");
       for (const auto& [key, entry] : entries_) {
         if (!MatchesFilter(filter, key)) continue;
@@ -119,6 +125,10 @@ class MemoryFleetStore : public FleetStore {
     revision_ = 0;
     for (const auto& [key, entry] : entries_) revision_ = std::max(revision_, entry.revision);
   }
+  int64_t lists() const {
+    MutexLock lock(mutex_);
+    return lists_;
+  }
   // How often keys were written.
   int64_t writes() const {
     MutexLock lock(mutex_);
@@ -162,6 +172,7 @@ class MemoryFleetStore : public FleetStore {
   std::list<std::shared_ptr<Subscriber>> subscribers_ ABSL_GUARDED_BY(mutex_);
   uint64_t revision_ ABSL_GUARDED_BY(mutex_) = 0;
   uint64_t connections_ ABSL_GUARDED_BY(mutex_) = 1;
+  int64_t lists_ ABSL_GUARDED_BY(mutex_) = 0;
   int64_t writes_ ABSL_GUARDED_BY(mutex_) = 0;
   int writes_until_failure_ ABSL_GUARDED_BY(mutex_) = -1;
   bool is_away_ ABSL_GUARDED_BY(mutex_) = false;
