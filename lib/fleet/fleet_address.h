@@ -23,6 +23,12 @@ struct FleetAddress {
   std::string Stream() const { return "KV_" + Bucket(); }
 };
 
+// The same fleet's copies of map files (fleet_file.h).
+inline FleetAddress FilesOf(FleetAddress address) {
+  address.map += "_files";
+  return address;
+}
+
 // InvalidArgument for what is no address; for credentials, with the file: NotFound where it is
 // missing, PermissionDenied where they have expired or are not valid yet.
 absl::Status CheckFleetAddress(const FleetAddress& address);

@@ -77,6 +77,10 @@ void AddFlags(CLI::App& app, Flags& flags) {
                  "for several (default: nobody)")
       ->type_name("NAME")
       ->allow_extra_args(false);
+  app.add_option("--map", flags.uplink.map_file,
+                 "Map file of the daemon, of which a copy with all scans is brought every five "
+                 "minutes, while nothing else is to be sent (default: none)")
+      ->type_name("FILE");
   AddRegionFlag(app, flags.region)
       ->description("Only robots that have mapped something in this part of the map, in metres");
 }

@@ -4,10 +4,14 @@
 #include <random>
 #include <utility>
 
+#include "lib/base/file.h"
+#include "lib/base/host_clock.h"
 #include "lib/base/plain_text.h"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
+#include "lib/fleet/fleet_file.h"
 #include "lib/fleet/layer_digest.h"
+#include "splinemap/file.h"
 
 namespace splinemap {
 namespace {
@@ -20,6 +24,8 @@ constexpr std::chrono::duration<double> kLongestRetry(16);
 // not tell of.
 constexpr std::chrono::seconds kDigestInterval(10);
 constexpr std::chrono::minutes kCompareInterval(5);
+// Between copies of the map file.
+constexpr std::chrono::minutes kFileInterval(5);
 
 absl::StatusOr<std::unique_ptr<NatsFleetStore>> ConnectPatiently(
     const FleetAddress& address, const std::function<bool()>& is_over) {
@@ -39,7 +45,11 @@ absl::StatusOr<std::unique_ptr<Uplink>> Uplink::Start(const UplinkOptions& optio
                                                       const std::function<bool()>& is_over) {
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<NatsFleetStore> store,
                              ConnectPatiently(options.fleet, is_over));
-  std::unique_ptr<Uplink> uplink(new Uplink(options, std::move(store)));
+  std::unique_ptr<NatsFleetStore> files;
+  if (!options.map_file.empty()) {
+    SPLINEMAP_ASSIGN_OR_RETURN(files, ConnectPatiently(FilesOf(options.fleet), is_over));
+  }
+  std::unique_ptr<Uplink> uplink(new Uplink(options, std::move(store), std::move(files)));
   SPLINEMAP_ASSIGN_OR_RETURN(uplink->bus_,
                              LocalBus::Open(options.bus, is_over, [self = uplink.get()] {
                                MutexLock lock(self->mutex_);
@@ -60,11 +70,16 @@ absl::StatusOr<std::unique_ptr<Uplink>> Uplink::Start(const UplinkOptions& optio
   return uplink;
 }
 
-Uplink::Uplink(UplinkOptions options, std::unique_ptr<NatsFleetStore> store)
-    : options_(std::move(options)), store_(std::move(store)), pace_(options_.max_kb_per_s * 1000) {}
+Uplink::Uplink(UplinkOptions options, std::unique_ptr<NatsFleetStore> store,
+               std::unique_ptr<NatsFleetStore> files)
+    : options_(std::move(options)),
+      store_(std::move(store)),
+      files_(std::move(files)),
+      pace_(options_.max_kb_per_s * 1000) {}
 
 Uplink::~Uplink() {
   uploading_ = {};
+  if (!file_copy_.empty()) MapFile::Remove(file_copy_);
   replica_.reset();
   bus_.reset();
 }
@@ -102,6 +117,7 @@ void Uplink::Run(const std::stop_token& stop) {
     }
     if (status.ok()) {
       pause = kRetry;
+      BringFile(stop, begin + options_.interval);
       Wait(stop, begin + options_.interval);
     } else {
       // Not all robots at once, when servers come back.
@@ -116,6 +132,37 @@ void Uplink::Run(const std::stop_token& stop) {
     }
     is_changed_ = false;
   }
+}
+
+// In the time that the layer leaves. A copy is made now and then, and goes as far as there is time.
+void Uplink::BringFile(const std::stop_token& stop, Clock::time_point until) {
+  const Clock::time_point now = Clock::now();
+  if (!files_ || (file_copy_.empty() && now < next_file_)) return;
+  const std::optional<LayerSnapshot> own = bus_->OwnLayer();
+  if (!own) return;
+  absl::Status status;
+  if (file_copy_.empty()) {
+    std::string copy = TemporaryPathFor(options_.map_file);
+    status = MapFile::Copy(options_.map_file, copy);
+    if (status.ok()) file_copy_ = std::move(copy);
+    file_utime_ = HostUtime();
+    file_upload_.emplace(*files_, own->id);
+  }
+  if (status.ok()) {
+    status = file_upload_->Bring(file_copy_, file_utime_, [&](int64_t bytes) {
+      {
+        MutexLock lock(mutex_);
+        if (is_changed_ && Clock::now() >= until) return false;
+      }
+      return Wait(stop, pace_.Take(bytes, Clock::now()));
+    });
+  }
+  if (absl::IsCancelled(status)) return;  // goes on with what is there
+  if (!file_copy_.empty()) MapFile::Remove(std::exchange(file_copy_, ""));
+  next_file_ = Clock::now() + kFileInterval;
+  MutexLock lock(mutex_);
+  if (status.ok()) ++state_.files;
+  state_.problem = status.ok() ? "" : "the map file: " + ErrorText(status);
 }
 
 absl::Status Uplink::CheckMap() {

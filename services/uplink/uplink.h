@@ -13,6 +13,7 @@
 #include "absl/status/statusor.h"
 #include "lib/base/mutex.h"
 #include "lib/fleet/fleet_address.h"
+#include "lib/fleet/fleet_file.h"
 #include "lib/fleet/fleet_replica.h"
 #include "lib/fleet/layer_upload.h"
 #include "lib/fleet/nats_fleet_store.h"
@@ -27,6 +28,7 @@ struct UplinkOptions {
   FleetAddress fleet;
   std::optional<Region> region;  // of the layers of others; none: wherever they are
   double max_kb_per_s = 100;     // to the fleet
+  std::string map_file;          // of the daemon, whose copies go to the fleet; empty: none do
   // After a digest, changes are gathered for so long.
   std::chrono::milliseconds interval{2000};
 };
@@ -47,27 +49,35 @@ class Uplink {
     uint64_t revision_here = 0;
     uint64_t revision_there = 0;  // of the layer in the fleet, as of its last digest
     LayerUpload::Counts sent;
+    int64_t files = 0;  // copies of the map file that are whole there
     size_t layers_of_others = 0;
     int64_t bytes_received = 0;
   };
   State state() const;
 
  private:
-  Uplink(UplinkOptions options, std::unique_ptr<NatsFleetStore> store);
+  Uplink(UplinkOptions options, std::unique_ptr<NatsFleetStore> store,
+         std::unique_ptr<NatsFleetStore> files);
 
   void Run(const std::stop_token& stop);
   absl::Status BringOwn(const std::stop_token& stop);
   absl::Status CheckMap();
+  void BringFile(const std::stop_token& stop, Clock::time_point until);
   bool Wait(const std::stop_token& stop, Clock::time_point until);
 
   const UplinkOptions options_;
   const std::unique_ptr<NatsFleetStore> store_;
+  const std::unique_ptr<NatsFleetStore> files_;  // null without a file
   std::unique_ptr<LocalBus> bus_;
   std::map<LayerId, LayerUpload> uploads_;  // of the thread, as what follows
   std::map<LayerId, int64_t> digests_;      // that this process has written
   Pace pace_;
   Clock::time_point next_look_;
   Clock::time_point next_compare_;
+  Clock::time_point next_file_;
+  std::string file_copy_;  // that is on its way; empty: none
+  std::optional<FleetFileUpload> file_upload_;
+  int64_t file_utime_ = 0;
 
   mutable Mutex mutex_;
   ConditionVariable changed_;
