@@ -25,11 +25,13 @@ SweepsQuery::Result CheckSweep(ObstacleSearch& search, const Sweep& sweep, doubl
     const auto at = [&](double way) {
       return Eigen::Vector2d(length > 0 ? from + (way / length) * (to - from) : from);
     };
-    // Where there can be something to find.
+    // Where there can be something to find, in whole steps of the segment: what else a map has,
+    // elsewhere, changes no bit of the result.
     const ObstacleSearch::Way way = search.WayOverMap(from, to, radius);
-    double begin = way.begin;
-    while (begin <= way.end) {
-      const double end = std::min(begin + std::max(kMaxStep, radius), way.end);
+    const double step = std::max(kMaxStep, radius);
+    for (double number = std::floor(way.begin / step); number * step <= way.end; ++number) {
+      const double begin = number * step;
+      const double end = std::min(begin + step, length);
       const NearSweep ranking{at(begin), at(end), radius};
       const ObstacleSearch::Found found = search.First(ranking);
       result.is_certified = result.is_certified && found.is_certified;
@@ -39,8 +41,7 @@ SweepsQuery::Result CheckSweep(ObstacleSearch& search, const Sweep& sweep, doubl
         result.contact_m = found.square.NearestTo(at(begin + found.rank)) * knot_interval_m;
         return result;
       }
-      if (end == way.end) break;
-      begin = end;
+      if (end == length) break;
     }
     gone += length;
   }
