@@ -27,6 +27,9 @@ std::vector<std::string> FleetFollower::Filters() const {
   std::vector<std::string> filters = {kMapKey, kSettingsFilter, kDigestFilter};
   if (options_.parts) {
     for (const int part : *options_.parts) filters.push_back(PartFilter(part));
+    for (const auto& [id, layer] : layers_) {
+      if (IsPlaced(id)) filters.push_back(TilesFilter(id));
+    }
     return filters;
   }
   const bool is_all = options_.names.empty() && !options_.region && !options_.but;
@@ -55,8 +58,54 @@ bool FleetFollower::IsSelected(const LayerId& id) const {
   const auto layer = layers_.find(id);
   if (layer == layers_.end() || !layer->second.digest) return false;
   const LayerDigest& digest = *layer->second.digest;
-  if (settings_.Of(id).placement != FixedPose2()) return true;  // its box is in another frame
+  if (IsPlaced(id)) return true;  // its box is in another frame
   return Overlap(digest.box, TilesOf(*options_.region, digest.options.knot_interval_m));
+}
+
+bool FleetFollower::IsPlaced(const LayerId& id) const {
+  return settings_.Of(id).placement != FixedPose2();
+}
+
+bool FleetFollower::IsFollowed(const LayerId& id, BlockKey block) const {
+  return IsFollowed(id) &&
+         (!options_.parts || options_.parts->contains(PartOf(block)) || IsPlaced(id));
+}
+
+void FleetFollower::SetParts(std::set<int> parts) {
+  options_.parts = std::move(parts);
+  ForgetOtherParts();
+}
+
+void FleetFollower::ForgetOtherParts() {
+  std::erase_if(known_, [&](const auto& known) {
+    const FleetKey key = ParseFleetKey(known.first);
+    return key.kind == FleetKey::Kind::kBlock && !IsFollowed(key.layer, key.block);
+  });
+  std::vector<LayerId> changed;
+  for (auto& [id, layer] : layers_) {
+    const auto is_other = [&, &of = id](const auto& block) { return !IsFollowed(of, block.first); };
+    if (std::none_of(layer.blocks.begin(), layer.blocks.end(), is_other)) continue;
+    std::erase_if(layer.blocks, is_other);
+    TileTreeEditor rest;  // trees only grow
+    layer.tiles.tree().ForEach([&, &of = id](TileKey at, const TileTree::Entry& entry) {
+      if (IsFollowed(of, BlockKey::Of(at))) rest.Put(at, entry.tile, entry.revision);
+    });
+    layer.tiles = std::move(rest);
+    tiles_ -= layer.sum.tiles;
+    layer.sum = {};
+    for (const auto& [key, sum] : layer.blocks) {
+      layer.sum.tiles += sum.tiles;
+      layer.sum.hash += sum.hash;
+    }
+    tiles_ += layer.sum.tiles;
+    changed.push_back(id);
+  }
+  for (const LayerId& id : changed) Compare(id, layers_[id]);
+}
+
+bool FleetFollower::Knows(const std::string& filter) const {
+  return std::any_of(known_.begin(), known_.end(),
+                     [&](const auto& known) { return MatchesFilter(filter, known.first); });
 }
 
 bool FleetFollower::HasRoom(const LayerId& id) const {
@@ -75,9 +124,7 @@ void FleetFollower::Take(const FleetEntry& entry, const FleetKey& key, Clock::ti
   using Kind = FleetKey::Kind;
   const bool is_layers = key.kind == Kind::kDigest || key.kind == Kind::kBlock;
   if (is_layers && (!IsFollowed(key.layer) || !HasRoom(key.layer))) return;
-  if (key.kind == Kind::kBlock && options_.parts && !options_.parts->contains(PartOf(key.block))) {
-    return;
-  }
+  if (key.kind == Kind::kBlock && !IsFollowed(key.layer, key.block)) return;
   const absl::Status taken = key.kind == Kind::kMap        ? TakeMap(entry)
                              : key.kind == Kind::kSettings ? TakeSettings(entry, key.layer)
                              : key.kind == Kind::kDigest   ? TakeDigest(entry, key.layer, now)
@@ -138,7 +185,9 @@ absl::Status FleetFollower::TakeMap(const FleetEntry& entry) {
 absl::Status FleetFollower::TakeSettings(const FleetEntry& entry, const LayerId& id) {
   if (entry.value.empty()) return absl::OkStatus();  // what was decided stays
   SPLINEMAP_ASSIGN_OR_RETURN(const LayerSettings settings, DecodeSettings(entry.value, id));
+  const bool was_placed = IsPlaced(id);
   if (settings_.Merge(id, settings)) ++version_;
+  if (was_placed && !IsPlaced(id)) ForgetOtherParts();
   return absl::OkStatus();
 }
 

@@ -24,7 +24,8 @@ struct FleetFollowOptions {
   // Layers that have tiles in this part of the map; none: all. They are followed as a whole, since
   // a layer of which a part is missing cannot be told from one that lost it.
   std::optional<Region> region;
-  // Tiles of these parts alone (fleet_key.h), of all layers; none: all.
+  // Tiles of these parts alone (fleet_key.h), of all layers; none: all. Layers that people placed
+  // are followed as a whole, since their tiles lie elsewhere in the map.
   std::optional<std::set<int>> parts;
 };
 
@@ -40,6 +41,12 @@ class FleetFollower {
 
   // The filters of all that is followed. More of them as layers are found.
   std::vector<std::string> Filters() const;
+
+  // Follows other parts from now on, and forgets the tiles of those that it followed.
+  void SetParts(std::set<int> parts);
+
+  // Whether anything was taken of the keys of a filter.
+  bool Knows(const std::string& filter) const;
 
   // Takes an entry with its value, if it is newer than what was taken of its key.
   void Handle(const FleetEntry& entry, Clock::time_point now);
@@ -87,6 +94,9 @@ class FleetFollower {
 
   bool IsFollowed(const LayerId& id) const;
   bool IsSelected(const LayerId& id) const;
+  bool IsPlaced(const LayerId& id) const;
+  bool IsFollowed(const LayerId& id, BlockKey block) const;
+  void ForgetOtherParts();
   bool HasRoom(const LayerId& id) const;
   void Take(const FleetEntry& entry, const FleetKey& key, Clock::time_point now);
   absl::Status TakeDigest(const FleetEntry& entry, const LayerId& id, Clock::time_point now);
@@ -98,7 +108,7 @@ class FleetFollower {
   void Compare(const LayerId& id, Followed& layer);
   bool UsesOtherOptions(const Followed& layer) const;
 
-  const FleetFollowOptions options_;
+  FleetFollowOptions options_;
   std::optional<MapOptions> map_options_;
   std::map<std::string, Known> known_;  // what was taken, by key
   std::map<LayerId, Followed> layers_;

@@ -26,7 +26,8 @@ constexpr size_t kMaxInboxBytes = size_t{64} << 20;
 FleetReplica::FleetReplica(FleetStore& store, FleetFollowOptions options, OnChange on_change)
     : store_(store),
       on_change_(std::move(on_change)),
-      follower_(std::move(options)),
+      follower_(options),
+      parts_(options.parts.value_or(std::set<int>())),
       following_([this](const std::stop_token& stop) { Run(stop); }) {}
 
 FleetReplica::~FleetReplica() {
@@ -86,8 +87,25 @@ void FleetReplica::CompareAgain() {
   news_.notify_all();
 }
 
+void FleetReplica::SetParts(std::set<int> parts) {
+  {
+    MutexLock lock(mutex_);
+    ++times_parts_were_set_;
+    parts_ = parts;
+    const auto is_other = [&](int part) { return !parts.contains(part); };
+    std::erase_if(compared_, is_other);
+    std::erase_if(complete_, is_other);
+    follower_.SetParts(std::move(parts));
+  }
+  CompareAgain();
+}
+
+std::set<int> FleetReplica::CompleteParts() const {
+  MutexLock lock(mutex_);
+  return complete_;
+}
+
 void FleetReplica::Run(const std::stop_token& stop) {
-  bool is_first = true;
   bool is_due = true;
   uint64_t connections = 0;
   Clock::time_point compared_at;
@@ -98,10 +116,9 @@ void FleetReplica::Run(const std::stop_token& stop) {
     // Not again and again where it fails, or helps nobody.
     if (is_due && Clock::now() - compared_at > kRetry) {
       connections = store_.connections();
-      const absl::Status compared = Compare(is_first);
+      const absl::Status compared = Compare();
       compared_at = Clock::now();
       is_due = !compared.ok();
-      is_first &= is_due;
       MutexLock lock(mutex_);
       problem_ = ErrorText(compared);
       is_compared_ = compared.ok();
@@ -125,8 +142,13 @@ void FleetReplica::Run(const std::stop_token& stop) {
 }
 
 // Subscribes to what is not subscribed to yet, first, so that nothing falls between.
-absl::Status FleetReplica::Compare(bool is_first) {
+absl::Status FleetReplica::Compare() {
   std::set<std::string> compared;
+  uint64_t times_set = 0;
+  {
+    MutexLock lock(mutex_);
+    times_set = times_parts_were_set_;
+  }
   for (bool is_over = false; !is_over;) {
     is_over = true;
     std::vector<std::string> filters;
@@ -140,23 +162,29 @@ absl::Status FleetReplica::Compare(bool is_first) {
     for (const std::string& filter : filters) {
       if (!compared.insert(filter).second) continue;
       is_over = false;
-      const bool is_new = !subscriptions_.contains(filter);
-      if (is_new) {
+      if (!subscriptions_.contains(filter)) {
         SPLINEMAP_ASSIGN_OR_RETURN(
             subscriptions_[filter],
             store_.Subscribe(filter, [this](FleetEntry entry) { Inbox(std::move(entry)); }));
       }
-      if (absl::Status status = CompareFilter(filter, is_new && is_first); !status.ok()) {
+      if (absl::Status status = CompareFilter(filter); !status.ok()) {
         subscriptions_.erase(filter);
         return status;
       }
     }
   }
+  MutexLock lock(mutex_);
+  if (times_set == times_parts_were_set_) compared_ = parts_;
   return absl::OkStatus();
 }
 
-absl::Status FleetReplica::CompareFilter(const std::string& filter, bool with_values) {
-  if (with_values) {
+absl::Status FleetReplica::CompareFilter(const std::string& filter) {
+  bool is_known = false;
+  {
+    MutexLock lock(mutex_);
+    is_known = follower_.Knows(filter);
+  }
+  if (!is_known) {
     // Values are handled as they come.
     SPLINEMAP_RETURN_IF_ERROR(store_.List(filter, true, [&](const FleetEntry& entry) {
       MutexLock lock(mutex_);
@@ -221,13 +249,24 @@ void FleetReplica::Drain() {
 
 void FleetReplica::Publish() {
   LayerSet layers;
+  std::set<int> compared;
+  uint64_t times_set = 0;
   {
     MutexLock lock(mutex_);
-    if (follower_.version() == published_version_) return;
+    if (follower_.version() == published_version_) {
+      complete_ = compared_;
+      return;
+    }
     published_version_ = follower_.version();
     layers = follower_.Layers();
+    compared = compared_;
+    times_set = times_parts_were_set_;
   }
   map_.Use(sum_.Update(layers));
+  {
+    MutexLock lock(mutex_);
+    if (times_set == times_parts_were_set_) complete_ = std::move(compared);
+  }
   if (on_change_) on_change_(*this);
 }
 

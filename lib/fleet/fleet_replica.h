@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <set>
 #include <string>
 #include <thread>
 #include <vector>
@@ -50,10 +51,16 @@ class FleetReplica : public QueryableMap {
   // Has everything compared now.
   void CompareAgain();
 
+  // Follows other parts from now on; requires options of parts. Those that are followed already are
+  // not fetched again.
+  void SetParts(std::set<int> parts);
+  // The parts of which the map has everything that the store had when they were compared.
+  std::set<int> CompleteParts() const;
+
  private:
   void Run(const std::stop_token& stop);
-  absl::Status Compare(bool is_first);
-  absl::Status CompareFilter(const std::string& filter, bool with_values);
+  absl::Status Compare();
+  absl::Status CompareFilter(const std::string& filter);
   void Inbox(FleetEntry entry);
   bool WaitForNews(const std::stop_token& stop);
   void Drain();
@@ -69,6 +76,10 @@ class FleetReplica : public QueryableMap {
   std::string problem_ ABSL_GUARDED_BY(mutex_);
   bool is_compared_ ABSL_GUARDED_BY(mutex_) = false;
   int64_t bytes_received_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::set<int> parts_ ABSL_GUARDED_BY(mutex_);  // followed
+  uint64_t times_parts_were_set_ ABSL_GUARDED_BY(mutex_) = 0;
+  std::set<int> compared_ ABSL_GUARDED_BY(mutex_);  // of parts_
+  std::set<int> complete_ ABSL_GUARDED_BY(mutex_);  // of compared_, and in map_
 
   Mutex inbox_mutex_;
   ConditionVariable news_;

@@ -510,16 +510,13 @@ absl::StatusOr<std::string> NatsFleetStore::Request(const std::string& subject,
 
 absl::StatusOr<std::unique_ptr<FleetSubscription>> NatsFleetStore::Serve(const std::string& subject,
                                                                          const std::string& queue,
-                                                                         Answer answer) {
-  natsConnection* const connection = state_->connection.get();
-  auto subscription = std::make_unique<NatsSubscription>(
-      [connection, answer = std::move(answer)](natsMsg* message) {
-        const char* const reply = natsMsg_GetReply(message);
-        if (reply == nullptr) return;
-        const std::string text = answer(ValueOf(message));
-        natsConnection_Publish(connection, reply, text.data(), static_cast<int>(text.size()));
+                                                                         Question question) {
+  auto subscription =
+      std::make_unique<NatsSubscription>([question = std::move(question)](natsMsg* message) {
+        const char* const reply_to = natsMsg_GetReply(message);
+        if (reply_to != nullptr) question(ValueOf(message), reply_to);
       });
-  const natsStatus status = subscription->Begin(connection, subject, queue);
+  const natsStatus status = subscription->Begin(state_->connection.get(), subject, queue);
   if (status != NATS_OK) return StatusOf(status, "to answer " + subject);
   return subscription;
 }

@@ -40,10 +40,12 @@ class NatsFleetStore : public FleetStore {
   // DeadlineExceeded.
   absl::StatusOr<std::string> Request(const std::string& subject, const std::string& request,
                                       std::chrono::milliseconds deadline);
-  // Answers requests, one of all members of `queue` each, in a thread of the store.
-  using Answer = std::function<std::string(const std::string& request)>;
+  // Hands over requests, each to one of all members of `queue`, in a thread of the store that other
+  // subscriptions wait for; the answer is told to the subject `reply_to`.
+  using Question = std::function<void(std::string request, std::string reply_to)>;
   absl::StatusOr<std::unique_ptr<FleetSubscription>> Serve(const std::string& subject,
-                                                           const std::string& queue, Answer answer);
+                                                           const std::string& queue,
+                                                           Question question);
   // A message to all who listen now; no more than that.
   absl::Status Tell(const std::string& subject, const std::string& message);
   absl::StatusOr<std::unique_ptr<FleetSubscription>> Listen(
