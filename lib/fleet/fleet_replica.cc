@@ -61,6 +61,11 @@ std::vector<FollowedLayer> FleetReplica::FollowedLayers() const {
   return follower_.FollowedLayers(Clock::now());
 }
 
+bool FleetReplica::HasCompared() const {
+  MutexLock lock(mutex_);
+  return is_compared_;
+}
+
 bool FleetReplica::IsCaughtUp() const {
   MutexLock lock(mutex_);
   return is_compared_ && follower_.IsWhole();

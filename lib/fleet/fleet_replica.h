@@ -41,7 +41,10 @@ class FleetReplica : public QueryableMap {
   LayerSet WholeLayers() const;
   std::optional<MapOptions> map_options() const;
   std::vector<FollowedLayer> FollowedLayers() const;
-  // Whether everything was compared, and every layer is what its digest says.
+  // Whether everything was compared: no layer of the bucket is missing here as a whole.
+  bool HasCompared() const;
+  // The same, and whether every layer is what its digest says. While many robots write, that is
+  // seldom true of all at once.
   bool IsCaughtUp() const;
   std::vector<std::string> Refused() const;
   int64_t BytesReceived() const;

@@ -1,0 +1,17 @@
+#pragma once
+
+#include "absl/functional/function_ref.h"
+#include "absl/status/status.h"
+#include "lib/fleet/fleet_store.h"
+#include "splinemap/layer_settings.h"
+
+namespace splinemap {
+
+// Changes what people have set about a layer, whoever else does so meanwhile. `change` gets the
+// settings as they are, and is called again where they have changed before they were written; an
+// error of it ends that, and the bucket is unchanged. Errors: those of the store; Unavailable where
+// others write all the time; DataLoss where what is there is damaged.
+absl::Status ChangeSettings(FleetStore& store, const LayerId& id,
+                            absl::FunctionRef<absl::Status(LayerSettings&)> change);
+
+}  // namespace splinemap

@@ -1,0 +1,63 @@
+// fleet_put MAP URL NAME: makes the map NAME of a fleet have the layers of a map file and their
+// settings, as the robots' uplinks do; those that are there already stay.
+// fleet_put MAP URL NAME torn: and takes some tiles out of the first layer.
+#include <cstdio>
+
+#include "lib/base/status.h"
+#include "lib/fleet/fleet_settings.h"
+#include "lib/fleet/layer_digest.h"
+#include "lib/fleet/layer_upload.h"
+#include "lib/fleet/nats_fleet_store.h"
+#include "splinemap/file.h"
+
+namespace splinemap {
+namespace {
+
+absl::Status PutLayers(const std::string& path, const FleetAddress& fleet) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(path));
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto store, NatsFleetStore::Connect(fleet));
+  SPLINEMAP_RETURN_IF_ERROR(store->MakeBucket(/*replicas=*/1));
+  FleetEntry map;
+  map.key = kMapKey;
+  map.value = EncodeMapOptions(loaded.set.options);
+  map.hash = 1;
+  const absl::Status put = store->PutIf(map, 0).status();
+  if (!put.ok() && !absl::IsAborted(put)) return put;
+  for (const LayerSnapshot& layer : loaded.set.layers) {
+    LayerUpload upload(*store, layer.id, loaded.set.options);
+    SPLINEMAP_RETURN_IF_ERROR(upload.Bring(layer, [](int64_t) { return true; }));
+  }
+  for (const auto& [id, settings] : loaded.set.settings.records()) {
+    SPLINEMAP_RETURN_IF_ERROR(ChangeSettings(*store, id, [&](LayerSettings& stored) {
+      stored = settings;
+      return absl::OkStatus();
+    }));
+  }
+  return absl::OkStatus();
+}
+
+absl::Status Tear(const FleetAddress& fleet) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto store, NatsFleetStore::Connect(fleet));
+  std::string key;
+  SPLINEMAP_RETURN_IF_ERROR(store->List("layers.*.*.tiles.>", false, [&](const FleetEntry& entry) {
+    if (key.empty()) key = entry.key;
+  }));
+  FleetEntry gone;
+  gone.key = key;
+  return store->Put({gone});
+}
+
+}  // namespace
+}  // namespace splinemap
+
+int main(int argc, char** argv) {
+  if (argc != 4 && argc != 5) return 2;
+  splinemap::FleetAddress fleet;
+  fleet.servers = argv[2];
+  fleet.map = argv[3];
+  fleet.program = "fleet_put";
+  absl::Status status = splinemap::PutLayers(argv[1], fleet);
+  if (status.ok() && argc == 5) status = splinemap::Tear(fleet);
+  if (!status.ok()) std::fprintf(stderr, "%s\n", splinemap::ErrorText(status).c_str());
+  return status.ok() ? 0 : 1;
+}
