@@ -14,6 +14,7 @@
 #include "lib/base/status.h"
 #include "lib/config/config.h"
 #include "lib/config/usage_error.h"
+#include "lib/fleet/fleet_flags.h"
 #include "services/viewer/server.h"
 #include "services/viewer/viewer.h"
 
@@ -35,6 +36,7 @@ constexpr const char* kExamples = R"(
 Examples:
   splinemap-viewer                                            the map of the bus, at localhost:8086
   splinemap-viewer office.splinemap --port 9000               the map of a file
+  splinemap-viewer --fleet nats://hub                         the map of a fleet
   splinemap-viewer --scan LASER --pose POSE                   with the robot and its newest scan
   splinemap-viewer --allow-commands --goal-channel GOAL       goals and mutes from the page
   openssl rand -hex 16 > token
@@ -80,6 +82,8 @@ void AddFlags(CLI::App& app, Flags& flags) {
       ->allow_extra_args(false);
   app.add_flag("--allow-commands", flags.viewer.allows_commands,
                "Let the page send goals, and mute layers for everybody");
+  AddFleetFlags(app, flags.viewer.fleet)
+      ->excludes("MAP", "--lcm-url", "--prefix", "--keys", "--path");
   app.add_option("--goal-channel", flags.viewer.goal_channel,
                  "Channel of goals, pose_xyt_t (default: GOAL)")
       ->type_name("CHANNEL");
@@ -92,10 +96,11 @@ absl::Status Complete(Flags& flags) {
   }
   if (!flags.scans.empty() && flags.viewer.watch.poses.empty())
     return InvalidArgument("--scan needs --pose: the channel of the poses to place scans by");
-  if (!flags.viewer.map.empty() &&
+  const bool is_alone = !flags.viewer.map.empty() || !flags.viewer.fleet.servers.empty();
+  if (is_alone &&
       (flags.viewer.allows_commands || !flags.scans.empty() || !flags.viewer.watch.poses.empty()))
     return InvalidArgument(
-        "the map of a file is shown alone: leave out --pose, --scan and "
+        "the map of a file or a fleet is shown alone: leave out --pose, --scan and "
         "--allow-commands");
   if (!flags.keys.empty()) {
     SPLINEMAP_ASSIGN_OR_RETURN(flags.viewer.watch.keys, KeyRing::Read(flags.keys));

@@ -8,6 +8,8 @@
 #include "absl/strings/str_join.h"
 #include "lib/base/mutex.h"
 #include "lib/base/status.h"
+#include "lib/fleet/fleet_replica.h"
+#include "lib/fleet/nats_fleet_store.h"
 #include "lib/mapping/past_map.h"
 #include "splinemap/file.h"
 #include "splinemap/local_map.h"
@@ -26,11 +28,33 @@ class MapOnBus : public ShownMap {
   std::vector<FollowedLayer> FollowedLayers() const override { return replica_->FollowedLayers(); }
   bool IsCaughtUp() const override { return replica_->IsCaughtUp(); }
   std::vector<std::string> Refused() const override { return replica_->Refused(); }
-  std::string BusProblem() const override { return replica_->BusProblem(); }
+  std::string Problem() const override { return replica_->BusProblem(); }
   int64_t BytesReceived() const override { return replica_->BytesReceived(); }
 
  private:
   const std::unique_ptr<MapReplica> replica_;
+};
+
+class MapOfFleet : public ShownMap {
+ public:
+  MapOfFleet(std::unique_ptr<NatsFleetStore> store, std::function<void()> on_change)
+      : store_(std::move(store)), replica_(*store_, {}, std::move(on_change)) {}
+
+  LayerSet Layers() const override { return replica_.Layers(); }
+  std::shared_ptr<const MapView> View() const override { return replica_.View(); }
+  const QueryableMap& map() const override { return replica_; }
+  std::vector<FollowedLayer> FollowedLayers() const override { return replica_.FollowedLayers(); }
+  bool IsCaughtUp() const override { return replica_.IsCaughtUp(); }
+  std::vector<std::string> Refused() const override { return replica_.Refused(); }
+  std::string Problem() const override {
+    const std::string lost = store_->Problem();
+    return lost.empty() ? replica_.Problem() : lost;
+  }
+  int64_t BytesReceived() const override { return replica_.BytesReceived(); }
+
+ private:
+  const std::unique_ptr<NatsFleetStore> store_;
+  const FleetReplica replica_;
 };
 
 // Makes the map of other times in a thread of its own, one at a time.
@@ -132,12 +156,18 @@ absl::StatusOr<std::unique_ptr<ShownMap>> FollowMap(const std::string& lcm_url,
   return std::make_unique<MapOnBus>(std::move(replica));
 }
 
+absl::StatusOr<std::unique_ptr<ShownMap>> FollowFleet(const FleetAddress& fleet,
+                                                      std::function<void()> on_change) {
+  SPLINEMAP_ASSIGN_OR_RETURN(auto store, NatsFleetStore::Connect(fleet));
+  return std::make_unique<MapOfFleet>(std::move(store), std::move(on_change));
+}
+
 absl::StatusOr<std::unique_ptr<ShownMap>> OpenMap(const std::string& path,
                                                   std::function<void()> on_change) {
   SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadMapFile(path));
   if (!loaded.corruption.empty()) {
-    return DataLoss("{} is damaged; `splinemap repair` saves what can be read: {}",
-                    path, absl::StrJoin(loaded.corruption, "; "));
+    return DataLoss("{} is damaged; `splinemap repair` saves what can be read: {}", path,
+                    absl::StrJoin(loaded.corruption, "; "));
   }
   return std::make_unique<MapInFile>(std::move(loaded.set), std::move(on_change));
 }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "lib/fleet/fleet_address.h"
 #include "splinemap/follow_options.h"
 #include "splinemap/layer_set.h"
 #include "splinemap/map_view.h"
@@ -39,11 +40,11 @@ class ShownMap {
   // not made yet never is. Times beyond those of the scans are their first, and now.
   virtual void ShowAt(std::optional<Utime>) {}
 
-  // Of a map on a bus; a file has none of it.
+  // Of a map on a bus, or of a fleet; a file has none of it.
   virtual std::vector<FollowedLayer> FollowedLayers() const { return {}; }
   virtual bool IsCaughtUp() const { return true; }
   virtual std::vector<std::string> Refused() const { return {}; }
-  virtual std::string BusProblem() const { return ""; }
+  virtual std::string Problem() const { return ""; }
   virtual int64_t BytesReceived() const { return 0; }
 };
 
@@ -51,6 +52,10 @@ class ShownMap {
 absl::StatusOr<std::unique_ptr<ShownMap>> FollowMap(const std::string& lcm_url,
                                                     const FollowOptions& options,
                                                     std::function<void()> on_change);
+// A replica of the map of a fleet. `on_change` runs in its thread. Errors: those of
+// NatsFleetStore::Connect(). Where the servers have no such map, they are asked again for it.
+absl::StatusOr<std::unique_ptr<ShownMap>> FollowFleet(const FleetAddress& fleet,
+                                                      std::function<void()> on_change);
 // Where the file keeps scans, `on_change` runs in the thread that makes the map of other times.
 // Errors: those of ReadMapFile(), and DataLoss where the file is damaged.
 absl::StatusOr<std::unique_ptr<ShownMap>> OpenMap(const std::string& path,

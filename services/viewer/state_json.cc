@@ -60,7 +60,7 @@ std::string KeyOf(const LayerId& id) { return fmt::format("{}@{:016x}", id.name,
 std::string MapJson(const MapFacts& facts, const ShownMap& map, const MapView& view,
                     const TileBox& box) {
   return Dump(
-      {{"source", facts.is_file ? "file" : "bus"},
+      {{"source", facts.source},
        {"name", facts.name},
        {"knot_interval_m", view.options.knot_interval_m},
        {"min_log_odds", view.options.limits.min / double{kUnitsPerLogOdds}},
@@ -71,7 +71,7 @@ std::string MapJson(const MapFacts& facts, const ShownMap& map, const MapView& v
         view.tiles.size() == 0 ? json() : ToJson(RegionOf(box, view.options.knot_interval_m))},
        {"allows_commands", facts.allows_commands},
        {"is_caught_up", map.IsCaughtUp()},
-       {"bus_problem", map.BusProblem()},
+       {"problem", map.Problem()},
        {"refused", map.Refused()},
        {"version", SPLINEMAP_VERSION}});
 }

@@ -13,8 +13,8 @@ namespace splinemap {
 // The sections of a frame beside its tiles, in JSON. README.md has the fields.
 
 struct MapFacts {
-  bool is_file = false;
-  std::string name;  // of the bus or the file
+  std::string source = "bus";  // or "fleet" or "file"
+  std::string name;            // of it
   bool allows_commands = false;
 };
 
@@ -23,7 +23,7 @@ std::string KeyOf(const LayerId& id);
 
 std::string MapJson(const MapFacts& facts, const ShownMap& map, const MapView& view,
                     const TileBox& box);
-// `bus` null: the layers of a file.
+// `bus` null: the layers of a file or a fleet.
 std::string LayersJson(const ShownMap& map, const BusState* bus);
 std::string TimesJson(const MapTimes& times);
 // None is silent that had no time to answer: daemons are asked from `asked_since` on, and say

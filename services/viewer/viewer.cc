@@ -25,6 +25,8 @@ constexpr milliseconds kMaxInterval(1000);  // ages are shown
 constexpr milliseconds kWorkInterval(1);
 constexpr size_t kTilesAtOnce = 1000;  // some ms of work on coarser levels
 constexpr const char* kSum = "sum";
+constexpr const char* kFile = "file";
+constexpr const char* kFleet = "fleet";
 
 absl::StatusOr<json> ParseBody(const std::string& body) {
   json parsed = json::parse(body, nullptr, /*allow_exceptions=*/false);
@@ -46,15 +48,18 @@ absl::StatusOr<std::unique_ptr<Viewer>> Viewer::Open(asio::io_context& io,
                                                      const ViewerOptions& options) {
   std::unique_ptr<Viewer> viewer(new Viewer(io, options));
   const auto nudge = [v = viewer.get()] { v->Nudge(); };
-  if (options.map.empty()) {
+  const std::string& source = viewer->facts_.source;
+  if (source == kFile) {
+    SPLINEMAP_ASSIGN_OR_RETURN(viewer->map_, OpenMap(options.map, nudge));
+  } else if (source == kFleet) {
+    SPLINEMAP_ASSIGN_OR_RETURN(viewer->map_, FollowFleet(options.fleet, nudge));
+  } else {
     FollowOptions follow;
     follow.channel_prefix = options.watch.channel_prefix;
     follow.keys = options.watch.keys;
     SPLINEMAP_ASSIGN_OR_RETURN(viewer->map_, FollowMap(options.lcm_url, follow, nudge));
     SPLINEMAP_ASSIGN_OR_RETURN(viewer->bus_,
                                BusWatch::Start(options.lcm_url, options.watch, nudge));
-  } else {
-    SPLINEMAP_ASSIGN_OR_RETURN(viewer->map_, OpenMap(options.map, nudge));
   }
   viewer->api_ = std::make_unique<HttpApi>(*viewer->map_, viewer->sum_levels_);
   asio::co_spawn(io, viewer->KeepUpToDate(), asio::detached);
@@ -63,10 +68,14 @@ absl::StatusOr<std::unique_ptr<Viewer>> Viewer::Open(asio::io_context& io,
 
 Viewer::Viewer(asio::io_context& io, const ViewerOptions& options)
     : io_(io), options_(options), news_(io) {
-  facts_.is_file = !options.map.empty();
-  facts_.name = facts_.is_file ? options.map.substr(options.map.rfind('/') + 1)
-                               : BusAddress::Parse(options.lcm_url).value_or(BusAddress()).url();
-  facts_.allows_commands = options.allows_commands && !facts_.is_file;
+  if (!options.map.empty()) {
+    facts_ = {kFile, options.map.substr(options.map.rfind('/') + 1)};
+  } else if (!options.fleet.servers.empty()) {
+    facts_ = {kFleet, options.fleet.map + " of " + options.fleet.servers};
+  } else {
+    facts_ = {"bus", BusAddress::Parse(options.lcm_url).value_or(BusAddress()).url(),
+              options.allows_commands};
+  }
 }
 
 // First the threads that nudge.
@@ -120,7 +129,7 @@ bool Viewer::Refresh() {
 // True where some work on coarser levels is left.
 bool Viewer::AdvanceSurfaces(const LayerSet& set, const MapView& view) {
   // A file does not change; what differs at another time is no news.
-  const int64_t utime_ms = bus_ == nullptr ? 0 : HostUtime() / 1000;
+  const int64_t utime_ms = facts_.source == kFile ? 0 : HostUtime() / 1000;
   std::set<std::string> wanted{kSum};
   for (const std::shared_ptr<Browser>& browser : browsers_) {
     if (!browser->view.request()) continue;
@@ -234,7 +243,8 @@ HttpAnswer Viewer::Post(const HttpTarget& target, const std::string& body) {
 absl::Status Viewer::Execute(const HttpTarget& target, const std::string& body) {
   if (target.path != "/api/goal" && target.path != "/api/mute")
     return NotFound("there is no command {}", target.path);
-  if (bus_ == nullptr) return FailedPrecondition("the map of a file takes no commands");
+  if (bus_ == nullptr)
+    return FailedPrecondition("the map of a {} takes no commands", facts_.source);
   if (!options_.allows_commands) {
     return absl::PermissionDeniedError(
         "commands are not allowed; start splinemap-viewer with --allow-commands");

@@ -26,7 +26,8 @@
 namespace splinemap {
 
 struct ViewerOptions {
-  std::string map;  // a file; empty: the bus
+  std::string map;     // a file; empty: the bus, or the fleet
+  FleetAddress fleet;  // without servers: the bus
   std::string lcm_url;
   WatchOptions watch;
   std::string goal_channel = "GOAL";
@@ -81,7 +82,7 @@ class Viewer {
   const ViewerOptions options_;
   MapFacts facts_;
   std::unique_ptr<ShownMap> map_;
-  std::unique_ptr<BusWatch> bus_;  // null for a file
+  std::unique_ptr<BusWatch> bus_;  // null for a file or a fleet
   SumLevels sum_levels_;
   std::unique_ptr<HttpApi> api_;
   Metrics metrics_;

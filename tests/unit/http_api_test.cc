@@ -180,8 +180,7 @@ TEST_F(HttpApiTest, SectionsOfAFileAreJson) {
   SurfaceLevels levels;
   while (levels.Advance(map_->View()->tiles, 0, 1000)) {
   }
-  const json map =
-      json::parse(MapJson({true, "a\xff<b>", false}, *map_, *map_->View(), levels.box()));
+  const json map = json::parse(MapJson({"file", "a\xff<b>"}, *map_, *map_->View(), levels.box()));
   EXPECT_EQ(map["source"], "file");
   EXPECT_EQ(map["knot_interval_m"], 0.05);
   EXPECT_LT(map["bounds"]["x0_m"].get<double>(), -1.5);

@@ -14,7 +14,7 @@ export interface Box {
 }
 
 export interface MapInfo {
-  source: "bus" | "file";
+  source: "bus" | "fleet" | "file";
   name: string;
   knot_interval_m: number;
   min_log_odds: number;
@@ -24,7 +24,7 @@ export interface MapInfo {
   bounds: Box | null; // null: nothing mapped yet
   allows_commands: boolean;
   is_caught_up: boolean;
-  bus_problem: string;
+  problem: string; // of the bus or the fleet
   version: string;
   refused: string[];
 }

@@ -35,9 +35,9 @@ export class Panels {
       byId("refused"),
       (live.map?.refused ?? []).map((why) => `Not followed: ${why}`),
     );
-    const isFile = live.map?.source === "file";
-    byId("daemons-section").hidden = isFile;
-    byId("robots-section").hidden = isFile && live.poses.length === 0;
+    const isBus = !live.map || live.map.source === "bus";
+    byId("daemons-section").hidden = !isBus;
+    byId("robots-section").hidden = !isBus && live.poses.length === 0;
     setText(byId("map-figures"), figures(live));
     setText(byId("panel-summary"), summary(live));
   }

@@ -113,7 +113,8 @@ export function statusOf(connection: ConnectionState, live: LiveState): Status {
   const { map } = live;
   if (!map) return status("busy", "Connecting", "Waiting for the map");
   if (map.source === "file") return fileStatus(map, live.times);
-  return busTrouble(map, live) ?? status("ok", "Live");
+  const isFleet = map.source === "fleet";
+  return (isFleet ? fleetTrouble(map, live) : busTrouble(map, live)) ?? status("ok", "Live");
 }
 
 function connectionTrouble(connection: ConnectionState): Status | null {
@@ -147,7 +148,7 @@ function fileStatus(map: MapInfo, times: MapTimes | null): Status {
 }
 
 function busTrouble(map: MapInfo, live: LiveState): Status | null {
-  if (map.bus_problem) return status("bad", "No bus", "The LCM bus is away", [map.bus_problem]);
+  if (map.problem) return status("bad", "No bus", "The LCM bus is away", [map.problem]);
   if (!map.bounds) return emptyStatus(live);
   const gone = live.daemons.filter((daemon) => daemon.heard_s_ago > kDaemonSilent_s);
   if (live.daemons.length > 0 && gone.length === live.daemons.length) {
@@ -157,6 +158,13 @@ function busTrouble(map: MapInfo, live: LiveState): Status | null {
   if (!map.is_caught_up) {
     return status("warn", "Catching up");
   }
+  return null;
+}
+
+function fleetTrouble(map: MapInfo, live: LiveState): Status | null {
+  if (map.problem) return status("bad", "No fleet", "The fleet is away", [map.problem]);
+  if (!map.is_caught_up) return status("warn", "Catching up");
+  if (!map.bounds) return emptyStatus(live);
   return null;
 }
 
@@ -177,6 +185,7 @@ function goneSentence(gone: Daemon[]): string {
 
 // Why there is no map: the first that is missing on the way from the bus to a commit.
 function reasonsForNothing(live: LiveState): string[] {
+  if (live.map?.source === "fleet") return ["No robot has sent its layer yet."];
   if (live.daemons.length === 0) {
     return ["No splinemapd is heard on this bus. Does it run, on the same LCM URL?"];
   }
