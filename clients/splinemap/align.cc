@@ -23,6 +23,7 @@
 #include "clients/splinemap/typed_placement.h"
 #include "lib/base/file.h"
 #include "lib/base/status.h"
+#include "lib/fleet/nats_fleet_store.h"
 #include "lib/map/summed_layers.h"
 #include "lib/render/overlay.h"
 #include "splinemap/file.h"
@@ -74,16 +75,19 @@ absl::StatusOr<AlignedMap> LayerOf(const LayerSet& set, const std::string& text,
 absl::StatusOr<AlignedMaps> OpenMaps(const AlignFlags& flags) {
   const MapSourceFlags& source = flags.source;
   SPLINEMAP_ASSIGN_OR_RETURN(const auto words, ArgumentsAfterMap(source));
-  if (words.size() != 2 && (source.live || words.size() != 1)) {
+  if (words.size() != 2 && (!source.IsFile() || words.size() != 1)) {
     return InvalidArgument(
-        "give two map files, or two layers after a map file or --live; there are {} after it",
+        "give two map files, or two layers after a map file, --live or --fleet; there are {} after "
+        "it",
         words.size());
   }
   SPLINEMAP_ASSIGN_OR_RETURN(MapViewSource first, OpenMapView(source));
   AlignedMaps maps;
   maps.exit_status = first.exit_status;
   if (words.size() == 2) {
-    const std::string where = source.live ? "the bus" : source.arguments.front();
+    const std::string where = source.live        ? "the bus"
+                              : source.IsFleet() ? "the fleet's map"
+                                                 : source.arguments.front();
     SPLINEMAP_ASSIGN_OR_RETURN(maps.a, LayerOf(first.layers, words[0], where));
     SPLINEMAP_ASSIGN_OR_RETURN(maps.b, LayerOf(first.layers, words[1], where));
     maps.layers = std::move(first.layers);
@@ -219,6 +223,30 @@ absl::Status ApplyLive(const AlignFlags& flags, const Alignment& found, const Al
   return absl::OkStatus();
 }
 
+absl::Status ApplyToFleet(const AlignFlags& flags, const Alignment& found,
+                          const AlignedMaps& maps) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto store, NatsFleetStore::Connect(flags.source.fleet));
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<FleetLayer> now,
+                             FindFleetLayers(*store, {NameOf(maps.a.layer), NameOf(maps.b.layer)}));
+  for (const FleetLayer& layer : now) {
+    if (layer.session.number == maps.layers.Find(layer.id)->session.number) continue;
+    return FailedPrecondition("{} was made anew meanwhile, so nothing was placed; try again",
+                              NameOf(layer.id));
+  }
+  const FixedPose2 before = maps.layers.settings.Of(maps.b.layer).placement;
+  const Pose2 placement = found.a_T_b * before.ToPose();
+  SPLINEMAP_RETURN_IF_ERROR(
+      EditFleetLayer(*store, now.back(), LayerCommand::kPlace, placement, before));
+  PrintPlaced(maps.b.layer, FixedPose2::Nearest(placement), before);
+  return absl::OkStatus();
+}
+
+absl::Status Apply(const AlignFlags& flags, const Alignment& found, AlignedMaps& maps) {
+  if (flags.source.live) return ApplyLive(flags, found, maps);
+  if (flags.source.IsFleet()) return ApplyToFleet(flags, found, maps);
+  return ApplyToFile(flags, found, maps);
+}
+
 absl::Status CheckOutputs(const AlignFlags& flags) {
   if (!flags.picture.empty()) {
     if (!flags.picture.ends_with(".png")) {
@@ -227,7 +255,7 @@ absl::Status CheckOutputs(const AlignFlags& flags) {
     SPLINEMAP_RETURN_IF_ERROR(
         CheckOutput({flags.picture, flags.output.force}, flags.source.arguments));
   }
-  if (!flags.apply || flags.source.live) return absl::OkStatus();
+  if (!flags.apply || !flags.source.IsFile()) return absl::OkStatus();
   if (flags.output.path.empty()) return InvalidArgument("give the map file to write with --out");
   const auto path_of = [](const std::string& path) {
     return std::filesystem::absolute(path).lexically_normal();
@@ -252,10 +280,7 @@ absl::StatusOr<int> AlignMaps(const AlignFlags& flags) {
   } else {
     PrintInWords(maps, found);
   }
-  if (flags.apply) {
-    SPLINEMAP_RETURN_IF_ERROR(flags.source.live ? ApplyLive(flags, found, maps)
-                                                : ApplyToFile(flags, found, maps));
-  }
+  if (flags.apply) SPLINEMAP_RETURN_IF_ERROR(Apply(flags, found, maps));
   if (!flags.picture.empty()) {
     SPLINEMAP_RETURN_IF_ERROR(WritePicture(maps, found, flags.picture));
   }
@@ -270,6 +295,7 @@ Examples:
   splinemap align --live robot-1 robot-2
   splinemap align monday.splinemap tuesday.splinemap --apply --out placed.splinemap
   splinemap align --live robot-1 robot-2 --apply
+  splinemap align --fleet nats://hub --credentials operator robot-1 robot-2 --apply
 
 Finds how B lies in the frame of A, without a guess, by the walls that both have and by the free
 space of each in which the other has none. Prints the transform that takes points of B to A: turn by
@@ -305,7 +331,7 @@ void AddAlign(CLI::App& app, Command& chosen) {
                            ->excludes(command->get_option("--at"));
   AddOutOption(*command, "Map file to write: B as it was placed; for --apply", flags->output)
       ->needs(apply)
-      ->excludes(command->get_option("--live"));
+      ->excludes("--live", "--fleet");
   command->callback([flags, &chosen] { chosen = [flags] { return AlignMaps(*flags); }; });
 }
 

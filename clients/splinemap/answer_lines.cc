@@ -89,7 +89,7 @@ absl::Status AnswerFile(const QueryableMap& map, const LineFlags& flags,
     if (!file) return NotFound("cannot read {}", flags.path);
   }
   // Over the bus an answer takes a round trip; here each line is answered when it comes.
-  const size_t batch_size = flags.source.live ? 10'000 : 1;
+  const size_t batch_size = flags.source.IsFile() ? 1 : 10'000;
   std::istream& in = flags.path == "-" ? std::cin : file;
   std::string line;
   std::vector<std::optional<Row>> batch;

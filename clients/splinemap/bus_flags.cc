@@ -36,13 +36,14 @@ void AddBusFlags(CLI::App& command, BusFlags& flags, CLI::Option* live) {
               live);
 }
 
-void AddTimeoutFlag(CLI::App& command, BusFlags& flags, CLI::Option* live) {
-  RequireLive(
+CLI::Option* AddTimeoutFlag(CLI::App& command, BusFlags& flags, CLI::Option* live) {
+  CLI::Option* const timeout =
       command
           .add_option("--timeout", flags.timeout_s,
                       fmt::format("s to wait for the daemons (default {:g})", flags.timeout_s))
-          ->check(CLI::Range(0.01, 1e6)),
-      live);
+          ->check(CLI::Range(0.01, 1e6));
+  RequireLive(timeout, live);
+  return timeout;
 }
 
 }  // namespace splinemap

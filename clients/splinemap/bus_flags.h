@@ -34,6 +34,6 @@ void AddLcmUrlFlag(CLI::App& command, std::string& lcm_url, CLI::Option* live = 
 // Adds --lcm-url, --prefix and --keys.
 void AddBusFlags(CLI::App& command, BusFlags& flags, CLI::Option* live = nullptr);
 // Adds --timeout, with the default that `flags` has.
-void AddTimeoutFlag(CLI::App& command, BusFlags& flags, CLI::Option* live = nullptr);
+CLI::Option* AddTimeoutFlag(CLI::App& command, BusFlags& flags, CLI::Option* live = nullptr);
 
 }  // namespace splinemap

@@ -16,11 +16,6 @@
 namespace splinemap {
 namespace {
 
-bool HasLayerOf(const std::vector<FollowedLayer>& layers, const std::string& robot) {
-  return std::any_of(layers.begin(), layers.end(),
-                     [&](const FollowedLayer& layer) { return MatchesName(robot, layer.id.name); });
-}
-
 bool HasCaughtUp(const MapReplica& replica, const std::vector<std::string>& robots) {
   const std::vector<FollowedLayer> layers = replica.FollowedLayers();
   return replica.IsCaughtUp() &&
@@ -46,6 +41,11 @@ std::string WhatIsMissing(const MapReplica& replica, const std::vector<std::stri
 }
 
 }  // namespace
+
+bool HasLayerOf(const std::vector<FollowedLayer>& layers, const std::string& robot) {
+  return std::any_of(layers.begin(), layers.end(),
+                     [&](const FollowedLayer& layer) { return MatchesName(robot, layer.id.name); });
+}
 
 void AddRobotsFlag(CLI::App& command, std::vector<std::string>& names) {
   command.add_option("--robot", names, std::string(kLayersOfRobot) + "; may be repeated")
@@ -82,8 +82,7 @@ absl::StatusOr<std::unique_ptr<MapReplica>> FollowUntilCaughtUp(const BusFlags& 
                      bus.timeout_s, missing);
 }
 
-int ReportRefused(const MapReplica& replica) {
-  const std::vector<std::string> refused = replica.Refused();
+int ReportRefused(const std::vector<std::string>& refused) {
   for (const std::string& name_and_why : refused) PrintLine(stderr, "left out: {}", name_and_why);
   return refused.empty() ? kSuccess : kFailed;
 }

@@ -15,6 +15,7 @@
 #include "clients/splinemap/map_source.h"
 #include "clients/splinemap/print.h"
 #include "lib/base/status.h"
+#include "lib/fleet/nats_fleet_store.h"
 #include "lib/map/summed_layers.h"
 #include "splinemap/file.h"
 
@@ -98,8 +99,19 @@ absl::StatusOr<int> ChangeLive(const LayerFlags& flags, const LayerArguments& ar
   return kSuccess;
 }
 
+absl::StatusOr<int> ChangeFleet(const LayerFlags& flags, const LayerArguments& arguments) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto store, NatsFleetStore::Connect(flags.source.fleet));
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<FleetLayer> layers,
+                             FindFleetLayers(*store, arguments.layers));
+  for (const FleetLayer& layer : layers) {
+    SPLINEMAP_RETURN_IF_ERROR(EditFleetLayer(*store, layer, flags.command, arguments.placement));
+  }
+  return kSuccess;
+}
+
 absl::StatusOr<int> ChangeLayer(const LayerFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const LayerArguments arguments, ParseArguments(flags));
+  if (flags.source.IsFleet()) return ChangeFleet(flags, arguments);
   return flags.source.live ? ChangeLive(flags, arguments) : ChangeFile(flags, arguments);
 }
 
@@ -110,9 +122,11 @@ Examples:
                                                    turned by 30 degrees, counter-clockwise
   splinemap layer low-weight --live robot-3@5f20   counts less than the others
   splinemap layer remove fleet.splinemap robot-3 robot-4 --out without.splinemap
+  splinemap layer remove --fleet nats://hub --credentials operator robot-3
 
 With --live every daemon and client on the bus applies the settings, and those that are offline do
-so when they return. With MAP the command writes a changed copy. A removed layer is deleted for
+so when they return. With --fleet so do all of the fleet, which takes the credentials of an
+operator. With MAP the command writes a changed copy. A removed layer is deleted for
 good, from the disk of its robot too, and merging with an older file does not restore it. A layer is
 given as NAME, or as NAME@ORIGIN, of which the first digits suffice; splinemap layers lists them.
 
@@ -127,6 +141,7 @@ constexpr const char* kLayerCommandExamples = R"(
 Examples:
   splinemap layer {0} --live robot-3{1}
   splinemap layer {0} fleet.splinemap robot-3@5f20{1} --out changed.splinemap
+  splinemap layer {0} --fleet nats://hub robot-3{1}
 
 splinemap layer --help explains the settings.)";
 
@@ -141,7 +156,7 @@ void AddLayerCommand(CLI::App& parent, const LayerCommandText& text, Command& ch
       is_place ? "the layer, and where its frame lies in the map's" : "the layer, or several",
       flags->source);
   AddOutOption(*command, "Map file to write; required with MAP", flags->output)
-      ->excludes(command->get_option("--live"));
+      ->excludes("--live", "--fleet");
   AddCorruptFlag(*command, flags->accepts_corrupt);
   command->callback([flags, &chosen] { chosen = [flags] { return ChangeLayer(*flags); }; });
 }

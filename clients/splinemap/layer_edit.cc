@@ -11,6 +11,9 @@
 #include "lcmtypes/splinemap/layer_status_t.hpp"
 #include "lib/base/random.h"
 #include "lib/base/status.h"
+#include "lib/fleet/fleet_key.h"
+#include "lib/fleet/fleet_settings.h"
+#include "lib/fleet/layer_digest.h"
 #include "lib/layers/layer_edits.h"
 #include "splinemap/client.h"
 
@@ -101,6 +104,40 @@ absl::Status EditLiveLayer(const BusFlags& bus, const LiveLayer& layer, LayerCom
   SPLINEMAP_RETURN_IF_ERROR(client->Set({command, layer.id, layer.session_number, placement}));
   PrintLine(stderr, "{} {}: saved by the daemon of {}; the others follow within 2 s",
             NameOf(command), NameOf(layer.id), layer.daemon);
+  return absl::OkStatus();
+}
+
+absl::StatusOr<std::vector<FleetLayer>> FindFleetLayers(FleetStore& store,
+                                                        const std::vector<std::string>& names) {
+  std::vector<LayerId> ids;
+  SPLINEMAP_RETURN_IF_ERROR(
+      store.List("layers.*.*.digest", /*with_values=*/false, [&](const FleetEntry& entry) {
+        const FleetKey key = ParseFleetKey(entry.key);
+        if (key.kind == FleetKey::Kind::kDigest && entry.hash != 0) ids.push_back(key.layer);
+      }));
+  std::vector<FleetLayer> found;
+  for (const std::string& text : names) {
+    SPLINEMAP_ASSIGN_OR_RETURN(const LayerId id, FindLayer(ids, text, "the fleet's map"));
+    SPLINEMAP_ASSIGN_OR_RETURN(const FleetEntry entry, store.Get(DigestKey(id)));
+    SPLINEMAP_ASSIGN_OR_RETURN(const LayerDigest digest, DecodeDigest(entry.value, id));
+    found.push_back({id, digest.session});
+  }
+  return found;
+}
+
+absl::Status EditFleetLayer(FleetStore& store, const FleetLayer& layer, LayerCommand command,
+                            const Pose2& placement, const std::optional<FixedPose2>& expected) {
+  SPLINEMAP_RETURN_IF_ERROR(
+      ChangeSettings(store, layer.id, [&](LayerSettings& settings) -> absl::Status {
+        if (expected && settings.placement != *expected) {
+          return FailedPrecondition("{} was placed meanwhile, so nothing was placed; try again",
+                                    NameOf(layer.id));
+        }
+        Apply(command, FixedPose2::Nearest(placement), layer.session, settings);
+        return absl::OkStatus();
+      }));
+  PrintLine(stderr, "{} {}: stored by the fleet; robots follow when they are connected",
+            NameOf(command), NameOf(layer.id));
   return absl::OkStatus();
 }
 

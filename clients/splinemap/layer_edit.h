@@ -1,10 +1,12 @@
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "clients/splinemap/map_source.h"
+#include "lib/fleet/fleet_store.h"
 #include "splinemap/fixed_pose2.h"
 #include "splinemap/layer_command.h"
 
@@ -28,5 +30,17 @@ absl::StatusOr<std::vector<LiveLayer>> FindLiveLayers(const MapSourceFlags& sour
                                                       const std::vector<std::string>& names);
 absl::Status EditLiveLayer(const BusFlags& bus, const LiveLayer& layer, LayerCommand command,
                            const Pose2& placement);
+
+// A layer of a fleet, and its session there.
+struct FleetLayer {
+  LayerId id;
+  SessionId session;
+};
+// As FindLiveLayers().
+absl::StatusOr<std::vector<FleetLayer>> FindFleetLayers(FleetStore& store,
+                                                        const std::vector<std::string>& names);
+// FailedPrecondition where its placement is no more `expected`, if that is given.
+absl::Status EditFleetLayer(FleetStore& store, const FleetLayer& layer, LayerCommand command,
+                            const Pose2& placement, const std::optional<FixedPose2>& expected = {});
 
 }  // namespace splinemap

@@ -139,13 +139,15 @@ std::string TableOf(const std::vector<LayerRow>& layers) {
   for (const TableRow& row : rows) {
     for (size_t k = 0; k < row.size(); ++k) widths[k] = std::max(widths[k], row[k].size());
   }
+  const bool has_state = std::any_of(layers.begin(), layers.end(),
+                                     [](const LayerRow& layer) { return !layer.state.empty(); });
   const bool is_live = std::any_of(layers.begin(), layers.end(),
-                                   [](const LayerRow& layer) { return !layer.state.empty(); });
+                                   [](const LayerRow& layer) { return layer.heard_s_ago >= 0; });
   std::string table;
   for (const TableRow& row : rows) {
     std::string text;
     for (size_t k = 0; k < row.size(); ++k) {
-      if (!is_live && (k == 1 || k == 2)) continue;  // state, heard_s
+      if ((!has_state && k == 1) || (!is_live && k == 2)) continue;  // state, heard_s
       const bool is_number = k > 1 && k < 8;
       text += is_number ? fmt::format("{:>{}}  ", row[k], widths[k])
                         : fmt::format("{:<{}}  ", row[k], widths[k]);

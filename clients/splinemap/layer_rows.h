@@ -34,7 +34,7 @@ struct LayerRow {
   LayerSettings settings;
   FixedPose2 placement;  // from the frame of the robot's poses, where it is known, to the map's
   // In a daemon: "own", "live", "stale", "gone" or "removed", and the time since a message of the
-  // owner, -1 before the first.
+  // owner, -1 before the first. In a fleet: "whole", "stale" or "removed".
   std::string state;
   double heard_s_ago = -1;
   bool is_approximate = false;  // resampled, since it is placed beside the knots of the map

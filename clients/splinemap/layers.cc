@@ -2,11 +2,14 @@
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
+#include "clients/splinemap/follow.h"
+#include "clients/splinemap/follow_fleet.h"
 #include "clients/splinemap/layer_rows.h"
 #include "clients/splinemap/live_layers.h"
 #include "clients/splinemap/map_source.h"
@@ -54,20 +57,42 @@ absl::StatusOr<int> PrintLiveLayers(const LayersFlags& flags) {
   return kSuccess;
 }
 
-absl::StatusOr<int> PrintLayers(const LayersFlags& flags) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const auto arguments, ArgumentsAfterMap(flags.source));
-  if (!arguments.empty()) {
-    return InvalidArgument("{} is one argument too many; give a map file, or --live in its place",
-                           arguments.front());
-  }
-  if (flags.source.live) return PrintLiveLayers(flags);
-  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.source.arguments.front()));
-  const std::vector<LayerRow> rows = RowsOf(loaded.set);
-  if (flags.json) {
+void PrintRows(const std::vector<LayerRow>& rows, bool json) {
+  if (json) {
     PrintJson(RowsToJson(rows));
   } else {
     fmt::print("{}", TableOf(rows));
   }
+}
+
+// Also those that are not whole yet, as far as they are here.
+absl::StatusOr<int> PrintFleetLayers(const LayersFlags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const FollowedFleet fleet, FollowFleet(flags.source.fleet, {}));
+  const absl::Status whole = AwaitWhole(fleet, {}, flags.source.bus.Timeout());
+  if (!whole.ok() && !fleet.replica->map_options()) return whole;
+  std::vector<LayerRow> rows = RowsOf(fleet.replica->Layers());
+  std::set<LayerId> matching;
+  for (const FollowedLayer& layer : fleet.replica->FollowedLayers()) {
+    if (layer.matches_digest) matching.insert(layer.id);
+  }
+  for (LayerRow& row : rows) {
+    row.state = !row.content ? "removed" : matching.contains(row.id) ? "whole" : "stale";
+  }
+  PrintRows(rows, flags.json);
+  const int exit_status = ReportRefused(fleet.replica->Refused());
+  return whole.ok() ? absl::StatusOr<int>(exit_status) : whole;
+}
+
+absl::StatusOr<int> PrintLayers(const LayersFlags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto arguments, ArgumentsAfterMap(flags.source));
+  if (!arguments.empty()) {
+    return InvalidArgument("{} is one argument too many; give a map file, --live or --fleet",
+                           arguments.front());
+  }
+  if (flags.source.live) return PrintLiveLayers(flags);
+  if (flags.source.IsFleet()) return PrintFleetLayers(flags);
+  SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(flags.source.arguments.front()));
+  PrintRows(RowsOf(loaded.set), flags.json);
   return ReportCorruption(loaded);
 }
 
@@ -76,6 +101,7 @@ Examples:
   splinemap layers fleet.splinemap
   splinemap layers fleet.splinemap --json | jq '.[] | select(.in_sum)'
   splinemap layers --live                          the layers of each daemon on the bus
+  splinemap layers --fleet nats://hub
 
 Prints a row for each layer: name@origin, session, commits, tiles, known area, the share of its
 obstacles where the other layers saw free space (- where less than 100 can be compared), the box
@@ -85,7 +111,7 @@ last column has the settings. Beyond 20 % the frame of a layer may be another; s
 
 With --live it prints a table for each daemon. "state" is own, live, stale (something is missing),
 gone (its robot is silent; the layer is kept) or removed; "heard_s" is the time since the last
-message of its robot.)";
+message of its robot. With --fleet "state" is whole, stale (some tiles are missing) or removed.)";
 
 }  // namespace
 

@@ -38,6 +38,16 @@ std::string CountsOf(const status_t& status) {
 
 }  // namespace
 
+std::string ScreenOf(std::string text, int wrapped, const MapView& map) {
+  const auto lines = static_cast<int>(std::count(text.begin(), text.end(), '\n')) + wrapped;
+  // Without a map, or with one that is too large to draw, there is no picture.
+  if (const absl::StatusOr<std::string> preview = Preview(map, lines + 2); preview.ok()) {
+    text += *preview;
+  }
+  // The rest of each line and all lines below are cleared.
+  return "\x1b[H" + absl::StrReplaceAll(text, {{"\n", "\x1b[K\n"}}) + "\x1b[J";
+}
+
 std::string StatusLine(const status_t& status) {
   const std::string problem = PlainText(status.last_problem);
   return CountsOf(status) + (problem.empty() ? "" : "; " + problem);
@@ -60,17 +70,9 @@ std::string LiveView::Draw(Clock::time_point now) {
   last_drawn_ = now;
   std::erase_if(daemons_,
                 [&](const auto& daemon) { return now - daemon.second.received > kForgotten; });
-  std::string text = DaemonLines(now) + "\n" + LayerLines(passed_s) + "\n";
   // Lines of daemons and their problems may take two rows.
-  const auto lines = static_cast<int>(std::count(text.begin(), text.end(), '\n')) +
-                     2 * static_cast<int>(daemons_.size());
-  const std::shared_ptr<const MapView> map = replica_.View();
-  // Without a map, or with one that is too large to draw, there is no picture.
-  if (const absl::StatusOr<std::string> preview = Preview(*map, lines + 2); preview.ok()) {
-    text += *preview;
-  }
-  // From the upper left corner; the rest of each line and all lines below are cleared.
-  return "\x1b[H" + absl::StrReplaceAll(text, {{"\n", "\x1b[K\n"}}) + "\x1b[J";
+  return ScreenOf(DaemonLines(now) + "\n" + LayerLines(passed_s) + "\n",
+                  2 * static_cast<int>(daemons_.size()), *replica_.View());
 }
 
 std::string LiveView::DaemonLines(Clock::time_point now) const {
@@ -102,8 +104,8 @@ std::string LiveView::LayerLines(double passed_s) {
     text += fmt::format("{:<20} {:>7} {:>7} {:>9} {:>15} {:>9} {:>9}  {}\n",
                         PlainText(layer.id.name), layer.session.number, layer.tiles, layer.revision,
                         Staleness(layer.staleness_ms),
-                        layer.counts.asked_tiles + layer.counts.asked_scans,
-                        layer.counts.unusable, layer.caught_up ? "caught up" : "behind");
+                        layer.counts.asked_tiles + layer.counts.asked_scans, layer.counts.unusable,
+                        layer.caught_up ? "caught up" : "behind");
   }
   for (const std::string& refused : replica_.Refused()) {
     text += fmt::format("not followed: {}\n", PlainText(refused));

@@ -36,6 +36,10 @@ class LiveView {
   Clock::time_point last_drawn_ = started_;
 };
 
+// `text` and below it a preview of the map, where there is room for one; with control sequences,
+// from the upper left corner of the screen. `wrapped` lines of the text take two rows.
+std::string ScreenOf(std::string text, int wrapped, const MapView& map);
+
 // One line about a daemon. It is PlainText, since names and problems come from the bus.
 std::string StatusLine(const status_t& status);
 

@@ -12,6 +12,7 @@
 #include "lib/base/file.h"
 #include "lib/base/status.h"
 #include "lib/config/usage_error.h"
+#include "lib/fleet/fleet_flags.h"
 
 namespace splinemap {
 namespace {
@@ -23,9 +24,11 @@ Examples:
   splinemap render office.splinemap office.png --px-per-knot 2
   splinemap query office.splinemap 3.0 6.5
   splinemap query --live 3.0 6.5
+  splinemap --fleet nats://hub query 3.0 6.5
   splinemap merge robot-1.splinemap robot-2.splinemap --out both.splinemap
 
-splinemap COMMAND --help explains a command. Exit status: 0 done, 1 failed, 2 usage.)";
+splinemap COMMAND --help explains a command. --fleet, --fleet-map and --credentials may stand before
+the command. Exit status: 0 done, 1 failed, 2 usage.)";
 
 // Help without the names of types that CLI11 adds to arguments, and without ranges.
 class HelpFormatter : public CLI::Formatter {
@@ -46,9 +49,21 @@ class HelpFormatter : public CLI::Formatter {
   }
 };
 
+// The flags of a fleet may stand before the command, and are its own: they go behind its others.
+void MoveFleetFlags(std::vector<std::string>& arguments) {
+  const auto begin = arguments.begin() + std::min<ptrdiff_t>(1, std::ssize(arguments));
+  auto end = begin;
+  while (end != arguments.end() && IsFleetFlag(*end)) {
+    const bool has_value = end->find('=') != std::string::npos;
+    end += has_value || end + 1 == arguments.end() ? 1 : 2;
+  }
+  std::rotate(begin, end, std::find(end, arguments.end(), "--"));
+}
+
 // CLI11 takes -0.5 for a number, but -.5 for a flag.
 std::vector<std::string> ArgumentsOf(int argc, char** argv) {
   std::vector<std::string> arguments(argv, argv + argc);
+  MoveFleetFlags(arguments);
   for (std::string& argument : arguments) {
     if (argument.starts_with("-.")) argument.insert(1, "0");
   }
@@ -57,7 +72,7 @@ std::vector<std::string> ArgumentsOf(int argc, char** argv) {
 
 // What is wrong with the first argument, which is a command or a flag; nothing where all is well.
 std::string ProblemOfCommand(const CLI::App& app, const std::vector<std::string>& arguments) {
-  if (arguments.size() < 2) return "give a command";
+  if (arguments.size() < 2 || IsFleetFlag(arguments[1])) return "give a command";
   const std::string& command = arguments[1];
   std::vector<std::string> names;
   for (const CLI::App* known : app.get_subcommands([](const CLI::App*) { return true; })) {
@@ -65,6 +80,13 @@ std::string ProblemOfCommand(const CLI::App& app, const std::vector<std::string>
   }
   if (command.starts_with('-') || std::count(names.begin(), names.end(), command) > 0) return "";
   return fmt::format("there is no command {}{}", command, DidYouMean(command, names));
+}
+
+// "; .." where a command was given a fleet and has no use for it.
+std::string HintAboutFleet(const CLI::App& app) {
+  const std::vector<std::string> extras = app.remaining(/*recurse=*/true);
+  if (std::none_of(extras.begin(), extras.end(), IsFleetFlag)) return "";
+  return "; it does not work on a fleet, splinemap snapshot --fleet makes a map file of one";
 }
 
 int Main(int argc, char** argv) {
@@ -122,7 +144,7 @@ int Main(int argc, char** argv) {
     app.parse(argc, pointers.data());
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    PrintLine(stderr, "{}", UsageErrorText(app, error));
+    PrintLine(stderr, "{}{}", UsageErrorText(app, error), HintAboutFleet(app));
     return kUsage;
   }
   RemoveTemporaryFilesAtSignals();

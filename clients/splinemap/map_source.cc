@@ -9,10 +9,12 @@
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
 #include "clients/splinemap/follow.h"
+#include "clients/splinemap/follow_fleet.h"
 #include "clients/splinemap/print.h"
 #include "clients/splinemap/refold.h"
 #include "clients/splinemap/time_flag.h"
 #include "lib/base/status.h"
+#include "lib/fleet/fleet_flags.h"
 #include "lib/map/summed_layers.h"
 #include "splinemap/client.h"
 #include "splinemap/file.h"
@@ -21,19 +23,38 @@
 namespace splinemap {
 namespace {
 
-void AddSource(CLI::App& command, const std::string& names, const std::string& what,
-               const std::string& robot, MapSourceFlags& flags) {
+struct SourceOptions {
+  CLI::Option* live;
+  CLI::Option* fleet;
+  CLI::Option* robot;
+};
+
+// For flags of a bus that are of a fleet, too.
+void RequireLiveOrFleet(CLI::App& command, const SourceOptions& source,
+                        const std::vector<CLI::Option*>& options) {
+  for (CLI::Option* option : options) option->group("With --live or --fleet");
+  command.parse_complete_callback([source, options] {
+    if (source.live->count() + source.fleet->count() > 0) return;
+    for (const CLI::Option* option : options) {
+      if (option->count() > 0) throw CLI::RequiresError(option->get_name(), "--live or --fleet");
+    }
+  });
+}
+
+SourceOptions AddSource(CLI::App& command, const std::string& names, const std::string& what,
+                        const std::string& robot, MapSourceFlags& flags) {
   command.add_option(names, flags.arguments,
-                     "Map file, or --live in its place" + (what.empty() ? "" : "; then " + what));
-  CLI::Option* const live =
-      command.add_flag("--live", flags.live, "Use the map of the daemons on an LCM bus");
-  AddBusFlags(command, flags.bus, live);
-  RequireLive(command.add_option("--robot", flags.robot, robot)->type_name("NAME"), live);
-  AddTimeoutFlag(command, flags.bus, live);
+                     "Map file, --live or --fleet" + (what.empty() ? "" : "; then " + what));
+  SourceOptions options{};
+  options.live = command.add_flag("--live", flags.live, "Use the map of the daemons on an LCM bus");
+  options.fleet = AddFleetFlags(command, flags.fleet)->excludes(options.live);
+  AddBusFlags(command, flags.bus, options.live);
+  options.robot = command.add_option("--robot", flags.robot, robot)->type_name("NAME");
   command
       .add_option("--at", flags.at, std::string("The map of a file as it was then; ") + kTimeHelp)
       ->type_name("TIME")
-      ->excludes(live);
+      ->excludes(options.live, options.fleet);
+  return options;
 }
 
 // With the map as it was at the time of the flags.
@@ -47,24 +68,36 @@ absl::StatusOr<LoadedMap> ReadSource(const MapSourceFlags& flags) {
 
 void AddMapSource(CLI::App& command, const std::string& names, const std::string& what,
                   MapSourceFlags& flags) {
-  AddSource(command, names, what, "Only the daemon of this robot", flags);
+  const SourceOptions source =
+      AddSource(command, names, what, "Only the daemon of this robot", flags);
+  RequireLive(source.robot, source.live);
+  RequireLiveOrFleet(command, source, {AddTimeoutFlag(command, flags.bus)});
 }
 
 void AddMapViewSource(CLI::App& command, const std::string& names, const std::string& what,
                       MapSourceFlags& flags) {
   flags.bus.timeout_s = kCatchUpTimeout_s;
-  AddSource(command, names, what, kLayersOfRobot, flags);
+  const SourceOptions source = AddSource(command, names, what, kLayersOfRobot, flags);
+  RequireLiveOrFleet(command, source, {source.robot, AddTimeoutFlag(command, flags.bus)});
+}
+
+std::string MapSourceFlags::Text() const {
+  if (live) return "--live";
+  if (!IsFleet()) return arguments.empty() ? "" : arguments.front();
+  const bool is_default = fleet.map == FleetAddress().map;
+  return fmt::format("--fleet {}{}{}", fleet.servers, is_default ? "" : " --fleet-map ",
+                     is_default ? "" : fleet.map);
 }
 
 std::vector<std::string> MapFilesOf(const MapSourceFlags& flags) {
-  if (flags.live || flags.arguments.empty()) return {};
+  if (!flags.IsFile() || flags.arguments.empty()) return {};
   return {flags.arguments.front()};
 }
 
 absl::StatusOr<absl::Span<const std::string>> ArgumentsAfterMap(const MapSourceFlags& flags) {
   const absl::Span<const std::string> arguments = flags.arguments;
-  if (flags.live) return arguments;
-  if (arguments.empty()) return InvalidArgument("give a map file, or --live in its place");
+  if (!flags.IsFile()) return arguments;
+  if (arguments.empty()) return InvalidArgument("give a map file, --live or --fleet");
   return arguments.subspan(1);
 }
 
@@ -75,7 +108,8 @@ absl::StatusOr<std::vector<double>> NumbersAfterMap(const MapSourceFlags& flags)
     double number = 0;
     if (!absl::SimpleAtod(argument, &number)) {
       return InvalidArgument("{} is not a number{}", argument,
-                             flags.live ? "; --live takes the place of the map file"
+                             flags.live        ? "; --live takes the place of the map file"
+                             : flags.IsFleet() ? "; --fleet takes the place of the map file"
                              : argument.find(',') != std::string::npos
                                  ? "; numbers are separated by spaces"
                                  : "");
@@ -89,10 +123,11 @@ absl::StatusOr<std::vector<double>> NumbersAfterMap(const MapSourceFlags& flags)
 absl::StatusOr<std::string> OutputAfterMap(const MapSourceFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto arguments, ArgumentsAfterMap(flags));
   if (arguments.size() != 1) {
-    return InvalidArgument(
-        "give one output after {}; there are {}",
-        flags.live ? "--live, which takes the place of the map file" : "the map file",
-        arguments.size());
+    return InvalidArgument("give one output after {}; there are {}",
+                           flags.live        ? "--live, which takes the place of the map file"
+                           : flags.IsFleet() ? "--fleet, which takes the place of the map file"
+                                             : "the map file",
+                           arguments.size());
   }
   return arguments[0];
 }
@@ -114,9 +149,17 @@ void WarnOfOtherMaps(const MapClient& client) {
             PlainText(client.daemon().name), PlainText(fmt::format("{}", fmt::join(robots, ", "))));
 }
 
+absl::StatusOr<MapSource> OpenFleetMap(const MapSourceFlags& flags) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const FollowedFleet fleet,
+                             FollowWholeFleet(flags.fleet, {}, flags.bus.Timeout()));
+  return MapSource{std::make_unique<LocalMap>(ViewOf(fleet.replica->WholeLayers())),
+                   ReportRefused(fleet.replica->Refused())};
+}
+
 }  // namespace
 
 absl::StatusOr<MapSource> OpenMapSource(const MapSourceFlags& flags) {
+  if (flags.IsFleet()) return OpenFleetMap(flags);
   if (flags.live) {
     ClientOptions options;
     options.channel_prefix = flags.bus.channel_prefix;
@@ -138,7 +181,17 @@ absl::StatusOr<MapViewSource> OpenMapView(const MapSourceFlags& flags) {
     SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, FollowUntilCaughtUp(flags.bus, options));
     LayerSet layers = replica->Layers();
     auto map = ViewOf(layers);
-    return MapViewSource{std::move(layers), std::move(map), ReportRefused(*replica)};
+    return MapViewSource{std::move(layers), std::move(map), ReportRefused(replica->Refused())};
+  }
+  if (flags.IsFleet()) {
+    FleetFollowOptions options;
+    if (!flags.robot.empty()) options.names = {flags.robot};
+    SPLINEMAP_ASSIGN_OR_RETURN(const FollowedFleet fleet,
+                               FollowWholeFleet(flags.fleet, options, flags.bus.Timeout()));
+    LayerSet layers = fleet.replica->WholeLayers();
+    auto map = ViewOf(layers);
+    return MapViewSource{std::move(layers), std::move(map),
+                         ReportRefused(fleet.replica->Refused())};
   }
   SPLINEMAP_ASSIGN_OR_RETURN(LoadedMap loaded, ReadSource(flags));
   const int exit_status = ReportCorruption(loaded);

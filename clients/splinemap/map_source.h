@@ -8,6 +8,7 @@
 #include "absl/status/statusor.h"
 #include "absl/types/span.h"
 #include "clients/splinemap/bus_flags.h"
+#include "lib/fleet/fleet_address.h"
 #include "splinemap/layer_set.h"
 #include "splinemap/queries.h"
 
@@ -20,24 +21,32 @@ namespace splinemap {
 class QueryableMap;
 struct MapView;
 
-// Where a command reads the map: a map file, its first positional, or with --live a bus.
+// Where a command reads the map: a map file, its first positional, or with --live a bus, or with
+// --fleet a fleet.
 struct MapSourceFlags {
-  std::vector<std::string> arguments;  // all positionals: the map file unless `live`, and others
+  std::vector<std::string> arguments;  // all positionals: the map file if there is one, and others
   bool live = false;
-  BusFlags bus;
+  BusFlags bus;  // its timeout also of a fleet
+  FleetAddress fleet;
   std::string robot;  // empty: any
   std::string at;     // a time, of a map file
+
+  bool IsFleet() const { return !fleet.servers.empty(); }
+  bool IsFile() const { return !live && !IsFleet(); }
+  // As on the command line: the file, or the flags that take its place.
+  std::string Text() const;
 };
 
-// Adds the positionals of a command, which --help calls `names`, beginning with MAP, and --live
-// with the flags of the daemon that is queried. `what` explains the positionals after MAP.
+// Adds the positionals of a command, which --help calls `names`, beginning with MAP, --live with
+// the flags of the daemon that is queried, and --fleet. `what` explains the positionals after MAP.
 void AddMapSource(CLI::App& command, const std::string& names, const std::string& what,
                   MapSourceFlags& flags);
-// The same for commands that evaluate the map themselves, for which --live follows the daemons.
+// The same for commands that evaluate the map themselves, for which --live follows the daemons, and
+// --fleet the layers.
 void AddMapViewSource(CLI::App& command, const std::string& names, const std::string& what,
                       MapSourceFlags& flags);
 
-// The map file, as a list that has it unless `live`.
+// The map file, as a list that has it if there is one.
 std::vector<std::string> MapFilesOf(const MapSourceFlags& flags);
 // The positionals after the map file. InvalidArgument without one.
 absl::StatusOr<absl::Span<const std::string>> ArgumentsAfterMap(const MapSourceFlags& flags);
@@ -53,14 +62,14 @@ struct MapSource {
   std::unique_ptr<QueryableMap> map;
   int exit_status = 0;
 };
-// Errors: those of ReadMapFile() and of MapClient::Connect().
+// Errors: those of ReadMapFile(), of MapClient::Connect() and of FollowWholeFleet().
 absl::StatusOr<MapSource> OpenMapSource(const MapSourceFlags& flags);
 struct MapViewSource {
   LayerSet layers;
   std::shared_ptr<const MapView> map;  // their sum
   int exit_status = 0;
 };
-// Errors: those of ReadMapFile() and of FollowUntilCaughtUp().
+// Errors: those of ReadMapFile(), of FollowUntilCaughtUp() and of FollowWholeFleet().
 absl::StatusOr<MapViewSource> OpenMapView(const MapSourceFlags& flags);
 
 // What blocks rays and sweeps.

@@ -7,11 +7,14 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
+#include "clients/splinemap/follow.h"
+#include "clients/splinemap/follow_fleet.h"
 #include "clients/splinemap/layer_name.h"
 #include "clients/splinemap/layer_rows.h"
 #include "clients/splinemap/print.h"
 #include "clients/splinemap/progress.h"
 #include "lib/base/status.h"
+#include "lib/fleet/fleet_flags.h"
 #include "lib/layers/layer_union.h"
 #include "lib/map/contradictions.h"
 #include "lib/map/summed_layers.h"
@@ -22,6 +25,8 @@ namespace {
 
 struct MergeFlags {
   std::vector<std::string> maps;
+  FleetAddress fleet;
+  BusFlags bus;  // the timeout alone, of the fleet
   Output output;
   bool accepts_corrupt = false;
 };
@@ -131,12 +136,29 @@ class Merger {
   bool has_conflicts_ = false;
 };
 
+// Returns the exit status of a command that else succeeded.
+absl::StatusOr<int> AddFleet(const MergeFlags& flags, Merger& merger) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const FollowedFleet fleet,
+                             FollowWholeFleet(flags.fleet, {}, flags.bus.Timeout()));
+  SPLINEMAP_RETURN_IF_ERROR(merger.Add(fmt::format("the fleet's map '{}'", flags.fleet.map),
+                                       fleet.replica->WholeLayers()));
+  return ReportRefused(fleet.replica->Refused());
+}
+
 absl::StatusOr<int> Merge(const MergeFlags& flags) {
+  const bool has_fleet = !flags.fleet.servers.empty();
+  if (flags.maps.empty() && !has_fleet) {
+    return InvalidArgument("give the map files to merge, or --fleet, or both");
+  }
   SPLINEMAP_RETURN_IF_ERROR(CheckMapOutput(flags.output, flags.maps));
   double all_bytes = 0;
   for (const std::string& path : flags.maps) all_bytes += Bytes(path);
   Merger merger;
   bool is_whole = true;
+  if (has_fleet) {
+    SPLINEMAP_ASSIGN_OR_RETURN(const int status, AddFleet(flags, merger));
+    is_whole = status == kSuccess;
+  }
   {
     ProgressBar bar("merging");
     double bytes = 0;
@@ -155,8 +177,9 @@ absl::StatusOr<int> Merge(const MergeFlags& flags) {
   const bool is_consistent = merger.Report(merged);
   const auto sum = ViewOf(merged);
   merger.ReportContradictions(merged, *sum);
-  PrintLine(stderr, "merged {} files: {} layers, {} tiles in {}", flags.maps.size(),
-            merged.layers.size(), sum->tiles.size(), flags.output.path);
+  PrintLine(stderr, "merged {} maps: {} layers, {} tiles in {}",
+            flags.maps.size() + (has_fleet ? 1 : 0), merged.layers.size(), sum->tiles.size(),
+            flags.output.path);
   return is_whole && is_consistent ? kSuccess : kFailed;
 }
 
@@ -164,20 +187,25 @@ constexpr const char* kMergeExamples = R"(
 Examples:
   splinemap merge robot-1.splinemap robot-2.splinemap --out both.splinemap
   splinemap merge both.splinemap robot-*.splinemap -o fleet.splinemap
+  splinemap merge --fleet nats://hub robot-7.splinemap -o with_robot_7.splinemap
 
 Writes the layers of all files, each in its newest state; the map is their sum. The layers stay
 apart in the file, so that merged files can be merged again: the order of files, their grouping and
-repeated files make no difference. The maps must share a frame, a knot interval and clamps; merge
-warns where 20 % of the obstacles of a layer are where the others saw free space. Exit
-status: 0 merged; 1 failed, or merged with conflicting copies of a layer; 2 usage.)";
+repeated files make no difference. With --fleet the layers of a fleet are merged, too. The maps
+must share a frame, a knot interval and clamps; merge warns where 20 % of the obstacles of a layer
+are where the others saw free space. Exit status: 0 merged; 1 failed, or merged with conflicting
+copies of a layer; 2 usage.)";
 
 }  // namespace
 
 void AddMerge(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<MergeFlags>();
+  flags->bus.timeout_s = kCatchUpTimeout_s;
   CLI::App* command = app.add_subcommand("merge", "Merge the layers of several map files");
   command->footer(kMergeExamples);
-  command->add_option("MAP", flags->maps, "Map files")->required();
+  command->add_option("MAP", flags->maps, "Map files; may be left out with --fleet");
+  CLI::Option* const fleet = AddFleetFlags(*command, flags->fleet);
+  AddTimeoutFlag(*command, flags->bus)->needs(fleet)->group("With --fleet");
   AddOutOption(*command, "Map file to write", flags->output)->required();
   AddCorruptFlag(*command, flags->accepts_corrupt);
   command->callback([flags, &chosen] { chosen = [flags] { return Merge(*flags); }; });

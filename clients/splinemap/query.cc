@@ -53,6 +53,7 @@ constexpr const char* kQueryExamples = R"(
 Examples:
   splinemap query lab.splinemap 1.25 -0.4
   splinemap query --live 1.25 -0.4 --json
+  splinemap query --fleet nats://hub-1,nats://hub-2 1.25 -0.4
   splinemap query lab.splinemap --points path.csv > path_with_log_odds.csv
 
 Prints the log-odds of occupied, the probability, and the gradient of the log-odds per metre.

@@ -63,12 +63,11 @@ void ReportParts(const MapSourceFlags& source, const MapView& map) {
   }
   if (parts.size() > kMaxLines) PrintLine(stderr, "  and {} more", parts.size() - kMaxLines);
   const std::string region = TextOf(RegionOf(parts[0].box, map.options.knot_interval_m));
-  if (source.live) {
-    PrintLine(stderr, "one is drawn by splinemap export --live BASE --format png --region {}",
-              region);
+  if (source.IsFile()) {
+    PrintLine(stderr, "one is kept by splinemap crop {} OUT --region {}", source.Text(), region);
   } else {
-    PrintLine(stderr, "one is kept by splinemap crop {} OUT --region {}", source.arguments.front(),
-              region);
+    PrintLine(stderr, "one is drawn by splinemap export {} BASE --format png --region {}",
+              source.Text(), region);
   }
 }
 
@@ -119,6 +118,7 @@ Examples:
   splinemap render lab.splinemap lab.png --px-per-knot 4
   splinemap render lab.splinemap
   splinemap render --live now.png
+  splinemap render --fleet nats://hub now.png
   splinemap render fleet.splinemap fleet.png --contradictions
 
 Evaluates the surface at every pixel: black is occupied, white free, blue-grey unknown. Without OUT

@@ -7,10 +7,12 @@
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
 #include "clients/splinemap/follow.h"
+#include "clients/splinemap/follow_fleet.h"
 #include "clients/splinemap/print.h"
 #include "clients/splinemap/progress.h"
 #include "lib/config/region_flag.h"
 #include "lib/base/status.h"
+#include "lib/fleet/fleet_flags.h"
 #include "lib/logs/lcm_log.h"
 #include "lib/replication/map_follower.h"
 #include "splinemap/layer_set.h"
@@ -21,6 +23,7 @@ namespace {
 struct SnapshotFlags {
   Output output;
   BusFlags bus;
+  FleetAddress fleet;
   std::string log;
   std::string region;
   std::string statistic = "mean";
@@ -86,7 +89,22 @@ absl::StatusOr<int> FollowLog(const SnapshotFlags& flags) {
 absl::StatusOr<int> FollowBus(const SnapshotFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const auto replica, FollowUntilCaughtUp(flags.bus, flags.follow));
   SPLINEMAP_RETURN_IF_ERROR(Save(replica->SyncedLayers(), flags.output.path));
-  return ReportRefused(*replica);
+  return ReportRefused(replica->Refused());
+}
+
+absl::StatusOr<int> CopyFleet(const SnapshotFlags& flags) {
+  FleetFollowOptions options;
+  options.names = flags.follow.names;
+  options.region = flags.follow.region;
+  SPLINEMAP_ASSIGN_OR_RETURN(const FollowedFleet fleet,
+                             FollowWholeFleet(flags.fleet, options, flags.bus.Timeout()));
+  const LayerSet map = fleet.replica->WholeLayers();
+  if (map.layers.empty()) {
+    return NotFound("the fleet's map '{}' has no layer{}, so nothing is written", flags.fleet.map,
+                    flags.region.empty() ? "" : " in --region " + flags.region);
+  }
+  SPLINEMAP_RETURN_IF_ERROR(Save(map, flags.output.path));
+  return ReportRefused(fleet.replica->Refused());
 }
 
 absl::StatusOr<int> TakeSnapshot(SnapshotFlags flags) {
@@ -102,6 +120,7 @@ absl::StatusOr<int> TakeSnapshot(SnapshotFlags flags) {
   std::vector<std::string> inputs;
   if (!flags.log.empty()) inputs.push_back(flags.log);
   SPLINEMAP_RETURN_IF_ERROR(CheckMapOutput(flags.output, inputs));
+  if (!flags.fleet.servers.empty()) return CopyFleet(flags);
   return flags.log.empty() ? FollowBus(flags) : FollowLog(flags);
 }
 
@@ -111,18 +130,22 @@ Examples:
   splinemap snapshot --robot one --lcm-url 'udpm://239.255.76.67:7667?ttl=0' one.splinemap
   splinemap snapshot --region -5,-5,20,10 --level 2 --statistic max obstacles.splinemap
   splinemap snapshot --log recorded.lcmlog lab.splinemap
+  splinemap snapshot --fleet nats://hub --robot 'robot-1*' --region 0,0,50,20 lab.splinemap
 
 Follows the daemons on a bus until it has caught up with them byte for byte, and saves their layers
 as one file. At level n the knot interval is 2^n times as wide. The mean is smoothed; min and max
 are the least and the greatest log-odds of 2^n x 2^n control points. Exit status: 0 saved; 1 not
-caught up within --timeout, or saved without a layer; 2 usage.)";
+caught up within --timeout, or saved without a layer; 2 usage.
+With --fleet it saves each layer as its robot last completed it; --region selects the layers that
+reach into the region, and saves them whole. --timeout is the time without anything new.)";
 
 }  // namespace
 
 void AddSnapshot(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<SnapshotFlags>();
   flags->bus.timeout_s = kCatchUpTimeout_s;
-  CLI::App* command = app.add_subcommand("snapshot", "Save the map of the daemons on an LCM bus");
+  CLI::App* command =
+      app.add_subcommand("snapshot", "Save the map of the daemons on an LCM bus, or of a fleet");
   command->footer(kSnapshotExamples);
   AddOutput(*command, "OUT", "Map file to write", flags->output);
   AddBusFlags(*command, flags->bus);
@@ -137,6 +160,8 @@ void AddSnapshot(CLI::App& app, Command& chosen) {
       ->check(CLI::IsMember({"mean", "min", "max"}));
   command->add_option("--log", flags->log, "Follow the messages in an LCM log instead of a bus")
       ->excludes("--lcm-url", "--region", "--level");
+  AddFleetFlags(*command, flags->fleet)
+      ->excludes("--lcm-url", "--prefix", "--keys", "--level", "--statistic", "--log");
   command->callback([flags, &chosen] { chosen = [flags] { return TakeSnapshot(*flags); }; });
 }
 

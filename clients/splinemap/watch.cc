@@ -10,8 +10,10 @@
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/live_view.h"
 #include "clients/splinemap/print.h"
+#include "clients/splinemap/watch_fleet.h"
 #include "lcmtypes/splinemap/status_t.hpp"
 #include "lib/base/status.h"
+#include "lib/fleet/fleet_flags.h"
 #include "lib/replica/caller.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/lcm_bus.h"
@@ -24,6 +26,7 @@ constexpr std::chrono::milliseconds kWatchTick(50);
 
 struct WatchFlags {
   BusFlags bus;
+  FleetAddress fleet;
   bool json = false;
   bool once = false;
 };
@@ -87,7 +90,12 @@ absl::StatusOr<int> DrawLive(const WatchFlags& flags) {
 }
 
 absl::StatusOr<int> Watch(const WatchFlags& flags) {
-  if (isatty(STDOUT_FILENO) == 1 && !flags.json && !flags.once) return DrawLive(flags);
+  const bool draws = isatty(STDOUT_FILENO) == 1 && !flags.json && !flags.once;
+  if (!flags.fleet.servers.empty()) {
+    if (draws) return DrawFleet(flags.fleet);
+    return PrintFleet(flags.fleet, flags.bus.Timeout(), flags.json, flags.once);
+  }
+  if (draws) return DrawLive(flags);
   SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<LcmBus> bus, LcmBus::Open(flags.bus.lcm_url));
   SPLINEMAP_ASSIGN_OR_RETURN(const auto keys, flags.bus.Keys());
   const std::string channel = flags.bus.channel_prefix + "_STATUS";
@@ -124,11 +132,15 @@ constexpr const char* kWatchExamples = R"(
 Examples:
   splinemap watch
   splinemap watch --json --once --lcm-url 'udpm://239.255.76.67:7667?ttl=0'
+  splinemap watch --fleet nats://hub
 
 In a terminal it draws the daemons, the layers that it follows and the map, until Ctrl-C.
 "staleness" is the greatest age of the tiles shown; "requested" counts tiles that were lost on the
 way, or published before. Elsewhere, and with --json or --once, it prints one line a second for each
-daemon, and ends with status 1 when it receives nothing for --timeout.)";
+daemon, and ends with status 1 when it receives nothing for --timeout.
+With --fleet it shows the layers of a fleet, and whether each is whole: all that its robot counted
+is there. The first line comes when all was looked at; it ends when the servers are away for
+--timeout.)";
 
 }  // namespace
 
@@ -136,10 +148,11 @@ void AddWatch(CLI::App& app, Command& chosen) {
   auto flags = std::make_shared<WatchFlags>();
   flags->bus.timeout_s = 5;
   CLI::App* command =
-      app.add_subcommand("watch", "Show the state of the daemons on an LCM bus, and their map");
+      app.add_subcommand("watch", "Show the daemons on an LCM bus, or a fleet, and their map");
   command->footer(kWatchExamples);
   AddBusFlags(*command, flags->bus);
   AddTimeoutFlag(*command, flags->bus);
+  AddFleetFlags(*command, flags->fleet)->excludes("--lcm-url", "--prefix", "--keys");
   command->add_flag("--once", flags->once, "End after the first message");
   AddJsonFlag(*command, flags->json);
   command->callback([flags, &chosen] { chosen = [flags] { return Watch(*flags); }; });

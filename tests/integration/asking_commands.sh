@@ -170,7 +170,7 @@ refused() {
   expect_text "$text" err
 }
 for command in query ray distance; do
-  refused "give a map file, or --live in its place" $command
+  refused "give a map file, --live or --fleet" $command
   refused "give X Y" $command saved.splinemap 1
   refused "give X Y" $command --live
   refused "nan is no coordinate" $command saved.splinemap 1 nan

@@ -217,7 +217,7 @@ expect_text "-1x is not a number" err
 
 # MAP or --live: one of them.
 expect 2 splinemap layers
-expect_text "give a map file, or --live in its place" err
+expect_text "give a map file, --live or --fleet" err
 expect 2 splinemap layers room.splinemap other.splinemap
 expect 2 splinemap layers --live room.splinemap
 expect_text "room.splinemap is one argument too many" err
@@ -318,6 +318,7 @@ mapfile -t commands < <(subcommands)
 mapfile -t settings < <(subcommands layer | sed 's/^/layer /')
 ((${#settings[@]} == 6)) || fail "commands of layer: ${settings[*]}"
 live=()
+fleet=()
 json=()
 force=()
 for command in "${commands[@]}" "${settings[@]}" "bridge occupancy-grid"; do
@@ -328,11 +329,19 @@ for command in "${commands[@]}" "${settings[@]}" "bridge occupancy-grid"; do
   # The same words for the same things.
   if grep -qE '^  --live ' out && [[ $command != doctor ]]; then
     live+=("$command")
-    for text in "Map file, or --live in its place" \
+    for text in "Map file, " \
       "  --live                      Use the map of the daemons on an LCM bus" \
       "  --lcm-url URL               LCM bus (default: LCM_DEFAULT_URL)" \
       "  --prefix TEXT               channel_prefix of the daemons" "  --robot NAME  " \
       "  --timeout FLOAT             s to wait for the daemons (default "; do
+      expect_text "$text" out
+    done
+  fi
+  if grep -q '^  --fleet ' out; then
+    fleet+=("$command")
+    for text in "  --fleet URL[,URL]..         Use the map of a fleet, on these NATS servers" \
+      "  --fleet-map NAME            Name of the map (default map)" "  --credentials FOLDER  " \
+      "  --timeout FLOAT             s to wait for the "; do
       expect_text "$text" out
     done
   fi
@@ -351,6 +360,8 @@ for command in "${commands[@]}" "${settings[@]}" "bridge occupancy-grid"; do
 done
 [[ ${live[*]} == "render export query ray check distance raster align layers correct ${settings[*]}" ]] ||
   fail "take --live: ${live[*]}"
+[[ ${fleet[*]} == "render export query ray check distance raster align layers merge watch snapshot ${settings[*]}" ]] ||
+  fail "take --fleet: ${fleet[*]}"
 [[ ${json[*]} == "info query ray check distance diff align layers changes verify doctor watch" ]] || fail "print JSON: ${json[*]}"
 [[ ${force[*]} == "build render export raster align merge flatten changes fold forget correct backup repair crop snapshot simulate import-carmen import-ros prefix-channels ${settings[*]}" ]] ||
   fail "write files: ${force[*]}"
