@@ -12,7 +12,9 @@
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_split.h"
 #include "lib/base/clock.h"
+#include "lib/base/plain_text.h"
 #include "lib/base/status.h"
+#include "lib/fleet/fleet_key.h"
 #include "lib/fleet/nats_handle.h"
 
 namespace splinemap {
@@ -22,6 +24,7 @@ using std::chrono::milliseconds;
 
 constexpr milliseconds kTimeout(5000);
 constexpr const char* kHashHeader = "Splinemap-Hash";
+const std::string kInboxes = "_INBOX.";  // what replies go to
 // What waits for a handler in this process, before changes are dropped and counted.
 constexpr int kMaxPendingMessages = 65'536;
 constexpr int kMaxPendingBytes = 256 << 20;
@@ -71,6 +74,8 @@ absl::StatusOr<NatsHandle<natsMsg>> MessageOf(const std::string& subject, const 
 }
 
 // A subscription whose handler runs in a thread of the library, and does not after the destructor.
+// It hears what was said to its subject alone: a reader of the bucket may have entries delivered to
+// any, but they keep the subject that they were written to.
 class NatsSubscription : public FleetSubscription {
  public:
   using Handler = std::function<void(natsMsg* message)>;
@@ -85,6 +90,7 @@ class NatsSubscription : public FleetSubscription {
 
   natsStatus Begin(natsConnection* connection, const std::string& subject,
                    const std::string& queue) {
+    subject_ = subject;
     natsSubscription* made = nullptr;
     const auto handle = [](natsConnection*, natsSubscription*, natsMsg* message, void* self) {
       const NatsHandle<natsMsg> owned(message);
@@ -101,11 +107,13 @@ class NatsSubscription : public FleetSubscription {
 
  private:
   void Handle(natsMsg* message) {
+    if (!MatchesFilter(subject_, natsMsg_GetSubject(message))) return;
     MutexLock lock(mutex_);
     if (!is_over_) handler_(message);
   }
 
   const Handler handler_;
+  std::string subject_;
   Mutex mutex_;
   bool is_over_ ABSL_GUARDED_BY(mutex_) = false;
   NatsHandle<natsSubscription> subscription_;
@@ -133,6 +141,14 @@ class NatsAcknowledgements {
   void GiveUp(natsMsg* message) {
     MutexLock lock(mutex_);
     awaited_.erase(message);
+  }
+  // The servers do not allow one of them, and do not say which.
+  void Refuse() {
+    MutexLock lock(mutex_);
+    if (awaited_.empty()) return;
+    awaited_.clear();
+    status_ = NATS_NOT_PERMITTED;
+    changed_.notify_all();
   }
   // What became of all, or NATS_TIMEOUT where nothing came for kTimeout.
   std::pair<natsStatus, std::string> Wait() {
@@ -226,6 +242,7 @@ absl::StatusOr<std::unique_ptr<NatsFleetStore>> NatsFleetStore::Connect(
         if (connection != nullptr) natsConnection_GetLastError(connection, &text);
         static_cast<State*>(self)->NoteError(
             text != nullptr && *text != '\0' ? text : natsStatus_GetText(error));
+        if (error == NATS_NOT_PERMITTED) static_cast<State*>(self)->acknowledgements.Refuse();
         if (error == NATS_SLOW_CONSUMER) ++static_cast<State*>(self)->connections;
       },
       state);
@@ -245,10 +262,25 @@ absl::StatusOr<std::unique_ptr<NatsFleetStore>> NatsFleetStore::Connect(
                                                      nats_GetLastError(nullptr)));
     }
     // Each server has the name under which it is called in its certificate.
+    SPLINEMAP_ASSIGN_OR_RETURN(const std::string name, NameOfCredentials(address.credentials));
+    if (NameOfToken(name).empty()) {
+      return InvalidArgument(
+          "{}own.pem was not made by deploy/fleet/credentials.sh: its name is '{}'", folder,
+          PlainText(name));
+    }
+    // The inboxes that servers let this certificate have, and nobody else.
+    natsOptions_SetCustomInboxPrefix(made, (kInboxes + name).c_str());
   }
   natsConnection* connection = nullptr;
   const natsStatus status = natsConnection_Connect(&connection, made);
   state->connection.reset(connection);
+  if (!address.credentials.empty() && (status == NATS_PROTOCOL_ERROR || status == NATS_IO_ERROR)) {
+    // They say no more, when they have read the certificate.
+    return absl::PermissionDeniedError(fmt::format(
+        "the servers at {} ended the connection: {}/own.pem is of another fleet, or has expired by "
+        "their clocks, or they are being stopped",
+        address.servers, address.credentials));
+  }
   if (status != NATS_OK) return store->StatusOf(status, "the fleet");
   jsOptions js;
   jsOptions_Init(&js);
@@ -285,28 +317,24 @@ absl::Status NatsFleetStore::StatusOf(int code, const std::string& what) const {
   }
   switch (status) {
     case NATS_CONNECTION_AUTH_FAILED:
-      return absl::PermissionDeniedError(fmt::format(
-          "the servers at {} do not know {}: add it with deploy/fleet/credentials.sh, and have "
-          "them read their configuration again",
-          address_.servers,
-          address_.credentials.empty() ? "who connects without credentials"
-                                       : "the credentials in " + address_.credentials));
-    case NATS_SECURE_CONNECTION_REQUIRED:
-      return absl::PermissionDeniedError(fmt::format(
-          "the servers at {} want credentials; give a folder of them with --credentials",
-          address_.servers));
+    case NATS_CONNECTION_CLOSED:  // by the library, once they were refused twice
+      return absl::PermissionDeniedError(Refused());
     case NATS_SECURE_CONNECTION_WANTED:
       return absl::PermissionDeniedError(
           fmt::format("the servers at {} do not use TLS, so nobody can tell whether they are the "
-                      "fleet's; leave "
-                      "out --credentials for servers that take anybody",
+                      "fleet's; leave out --credentials for servers that take anybody",
                       address_.servers));
+    case NATS_SECURE_CONNECTION_REQUIRED:
     case NATS_SSL_ERROR:
+      if (address_.credentials.empty()) {
+        return absl::PermissionDeniedError(fmt::format(
+            "the servers at {} want credentials; give a folder of them with --credentials",
+            address_.servers));
+      }
       return absl::PermissionDeniedError(fmt::format(
-          "the servers at {} and the credentials in {} are not of the same fleet, or the servers' "
-          "have expired, or name other hosts ({})",
-          address_.servers, address_.credentials.empty() ? "no folder" : address_.credentials,
-          text));
+          "the servers at {} are not of the fleet of {}/ca.pem, or their certificates have expired "
+          "or name other hosts ({})",
+          address_.servers, address_.credentials, text));
     case NATS_NO_SERVER:
       return Unavailable("no NATS server answers at {}; is nats-server running there?",
                          address_.servers);
@@ -318,8 +346,8 @@ absl::Status NatsFleetStore::StatusOf(int code, const std::string& what) const {
           what, address_.map);
     case NATS_TIMEOUT:
       return Unavailable("{}: the servers did not answer in time", what);
-    case NATS_CONNECTION_CLOSED:
     case NATS_CONNECTION_DISCONNECTED:
+    case NATS_INSUFFICIENT_BUFFER:  // nothing is kept while it is lost
     case NATS_IO_ERROR:
     case NATS_STALE_CONNECTION:
       return Unavailable("{}: the connection to {} is lost; it is looked for again", what,
@@ -330,8 +358,17 @@ absl::Status NatsFleetStore::StatusOf(int code, const std::string& what) const {
             "the servers have no map '{}': splinemap-fleet-worker makes it when it starts",
             address_.map);
       }
-      return Unavailable("{}: {}", what, text.empty() ? natsStatus_GetText(status) : text);
   }
+  return Unavailable("{}: {}", what, text.empty() ? natsStatus_GetText(status) : text);
+}
+
+std::string NatsFleetStore::Refused() const {
+  return fmt::format(
+      "the servers at {} do not know {}: deploy/fleet/credentials.sh adds and removes them, and "
+      "the servers have to read users.conf again",
+      address_.servers,
+      address_.credentials.empty() ? "who connects without credentials"
+                                   : "the credentials in " + address_.credentials);
 }
 
 absl::Status NatsFleetStore::MakeBucket(int replicas) {
@@ -350,8 +387,11 @@ absl::Status NatsFleetStore::MakeBucket(int replicas) {
   config.Discard = js_DiscardNew;
   config.Storage = js_FileStorage;
   config.Replicas = replicas;
-  config.AllowRollup = true;
+  // Whoever may write one key could remove all others: by a rollup, or by an acknowledgement that
+  // goes to where purges are asked for.
   config.DenyDelete = true;
+  config.DenyPurge = true;
+  config.AllowRollup = false;
   config.RePublish = &republish;
   jsStreamInfo* info = nullptr;
   jsErrCode error = static_cast<jsErrCode>(0);
@@ -514,7 +554,9 @@ absl::StatusOr<std::unique_ptr<FleetSubscription>> NatsFleetStore::Serve(const s
   auto subscription =
       std::make_unique<NatsSubscription>([question = std::move(question)](natsMsg* message) {
         const char* const reply_to = natsMsg_GetReply(message);
-        if (reply_to != nullptr) question(ValueOf(message), reply_to);
+        // Whoever asks chooses where the reply goes, and could have it stored.
+        if (reply_to == nullptr || !absl::StartsWith(reply_to, kInboxes)) return;
+        question(ValueOf(message), reply_to);
       });
   const natsStatus status = subscription->Begin(state_->connection.get(), subject, queue);
   if (status != NATS_OK) return StatusOf(status, "to answer " + subject);
@@ -539,6 +581,7 @@ absl::StatusOr<std::unique_ptr<FleetSubscription>> NatsFleetStore::Listen(
 std::string NatsFleetStore::Problem() const {
   const natsConnStatus status = natsConnection_Status(state_->connection.get());
   if (status == NATS_CONN_STATUS_CONNECTED) return "";
+  if (status == NATS_CONN_STATUS_CLOSED) return Refused();
   return fmt::format("the connection to the NATS servers at {} is lost; it is looked for again",
                      address_.servers);
 }

@@ -60,6 +60,7 @@ class NatsFleetStore : public FleetStore {
   explicit NatsFleetStore(FleetAddress address);
 
   absl::Status StatusOf(int status, const std::string& what) const;
+  std::string Refused() const;
   std::string SubjectOf(const std::string& key) const;
 
   const FleetAddress address_;
