@@ -9,6 +9,7 @@ BUILD_PACKAGES=(
   esbuild libboost-dev libssl-dev prometheus-cpp-dev libsystemd-dev libnats-dev
 )
 DEMO_PACKAGES=(jq iproute2)
+FLEET_PACKAGES=(nats-server openssl)
 TEST_PACKAGES=(
   libgtest-dev jq iproute2 nftables sqlite3 python3 libompl-dev curl
   default-jdk liblcm-java libjchart2d-java libxmlgraphics-commons-java libjide-oss-java

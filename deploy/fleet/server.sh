@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Writes the configuration of a NATS server of a fleet, beside its credentials.
 set -euo pipefail
+PATH=$PATH:/usr/sbin  # where nats-server is
 
 usage() {
   cat << 'END'
