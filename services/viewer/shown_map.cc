@@ -38,7 +38,9 @@ class MapOnBus : public ShownMap {
 class MapOfFleet : public ShownMap {
  public:
   MapOfFleet(std::unique_ptr<NatsFleetStore> store, std::function<void()> on_change)
-      : store_(std::move(store)), replica_(*store_, {}, std::move(on_change)) {}
+      : store_(std::move(store)),
+        replica_(*store_, {},
+                 [on_change = std::move(on_change)](const FleetReplica&) { on_change(); }) {}
 
   LayerSet Layers() const override { return replica_.Layers(); }
   std::shared_ptr<const MapView> View() const override { return replica_.View(); }

@@ -77,7 +77,10 @@ int Run(int argc, char** argv) {
     if (reply.ok()) fmt::print("{}\n", *reply);
   }
   if (*answer) {
-    const auto serving = store.Serve(key, "workers", [&](const std::string&) { return value; });
+    const auto serving =
+        store.Serve(key, "workers", [&](const std::string&, const std::string& reply_to) {
+          static_cast<void>(store.Tell(reply_to, value));
+        });
     if (!serving.ok()) return Fail(serving.status());
     fmt::print(stderr, "answering\n");
     while (std::cin.get() != EOF) {
