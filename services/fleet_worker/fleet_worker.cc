@@ -72,6 +72,9 @@ absl::Status MakeMap(const WorkerOptions& options, NatsFleetStore& store,
                      NatsFleetStore& sum_store) {
   SPLINEMAP_RETURN_IF_ERROR(MakeBucket(options, store));
   SPLINEMAP_RETURN_IF_ERROR(sum_store.MakeBucket(1));  // it is made of the other
+  // Of copies of map files, which workers never read.
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto files, NatsFleetStore::Connect(FilesOf(options.fleet)));
+  SPLINEMAP_RETURN_IF_ERROR(MakeBucket(options, *files));
   const absl::StatusOr<FleetEntry> entry = store.Get(kMapKey);
   if (!entry.ok() && !absl::IsOutOfRange(entry.status())) return entry.status();
   config::Method method;

@@ -194,10 +194,9 @@ done
   fail "the fleet has $(in_fleet), the files have $files"
 }
 echo "the fleet is equal to the robots' files $((SECONDS - begin)) s after the last fault"
-splinemap --fleet "$fleet" snapshot fleet.splinemap --timeout 20 2> /dev/null
+expect 0 splinemap --fleet "$fleet" snapshot fleet.splinemap --timeout 20
 expect 0 splinemap diff offline.splinemap fleet.splinemap
 # What the workers have summed.
-splinemap render offline.splinemap picture.png > /dev/null 2>&1
 seq 0 399 | awk '{ printf "%.3f,%.3f\n", ($1 % 20) * 1.13 - 2, int($1 / 20) * 0.71 - 2 }' > points.csv
 expect 0 splinemap query offline.splinemap --points points.csv
 mv out of_files
