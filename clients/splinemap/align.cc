@@ -202,6 +202,11 @@ absl::Status ApplyToFile(const AlignFlags& flags, const Alignment& found, Aligne
   return absl::OkStatus();
 }
 
+absl::Status PlacedMeanwhile(const LayerId& id) {
+  return FailedPrecondition(
+      "{} was placed or made anew meanwhile, so nothing was placed; try again", NameOf(id));
+}
+
 absl::Status ApplyLive(const AlignFlags& flags, const Alignment& found, const AlignedMaps& maps) {
   MapSourceFlags source = flags.source;
   source.robot.clear();  // names of layers are given
@@ -211,9 +216,7 @@ absl::Status ApplyLive(const AlignFlags& flags, const Alignment& found, const Al
   for (const LiveLayer& layer : now) {
     if (layer.session_number != maps.layers.Find(layer.id)->session.number ||
         layer.on_read != maps.layers.settings.Of(layer.id).placement) {
-      return FailedPrecondition(
-          "{} was placed or made anew meanwhile, so nothing was placed; try again",
-          NameOf(layer.id));
+      return PlacedMeanwhile(layer.id);
     }
   }
   const LiveLayer& b = now.back();
@@ -229,15 +232,15 @@ absl::Status ApplyToFleet(const AlignFlags& flags, const Alignment& found,
   SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<FleetLayer> now,
                              FindFleetLayers(*store, {NameOf(maps.a.layer), NameOf(maps.b.layer)}));
   for (const FleetLayer& layer : now) {
-    if (layer.session.number == maps.layers.Find(layer.id)->session.number) continue;
-    return FailedPrecondition("{} was made anew meanwhile, so nothing was placed; try again",
-                              NameOf(layer.id));
+    if (layer.session != maps.layers.Find(layer.id)->session ||
+        layer.placement != maps.layers.settings.Of(layer.id).placement) {
+      return PlacedMeanwhile(layer.id);
+    }
   }
-  const FixedPose2 before = maps.layers.settings.Of(maps.b.layer).placement;
-  const Pose2 placement = found.a_T_b * before.ToPose();
-  SPLINEMAP_RETURN_IF_ERROR(
-      EditFleetLayer(*store, now.back(), LayerCommand::kPlace, placement, before));
-  PrintPlaced(maps.b.layer, FixedPose2::Nearest(placement), before);
+  const FleetLayer& b = now.back();
+  const Pose2 placement = found.a_T_b * b.placement.ToPose();
+  SPLINEMAP_RETURN_IF_ERROR(EditFleetLayer(*store, b, LayerCommand::kPlace, placement));
+  PrintPlaced(b.id, FixedPose2::Nearest(placement), b.placement);
   return absl::OkStatus();
 }
 

@@ -120,16 +120,17 @@ absl::StatusOr<std::vector<FleetLayer>> FindFleetLayers(FleetStore& store,
     SPLINEMAP_ASSIGN_OR_RETURN(const LayerId id, FindLayer(ids, text, "the fleet's map"));
     SPLINEMAP_ASSIGN_OR_RETURN(const FleetEntry entry, store.Get(DigestKey(id)));
     SPLINEMAP_ASSIGN_OR_RETURN(const LayerDigest digest, DecodeDigest(entry.value, id));
-    found.push_back({id, digest.session});
+    SPLINEMAP_ASSIGN_OR_RETURN(const LayerSettings settings, ReadSettings(store, id));
+    found.push_back({id, digest.session, settings.placement});
   }
   return found;
 }
 
 absl::Status EditFleetLayer(FleetStore& store, const FleetLayer& layer, LayerCommand command,
-                            const Pose2& placement, const std::optional<FixedPose2>& expected) {
+                            const Pose2& placement) {
   SPLINEMAP_RETURN_IF_ERROR(
       ChangeSettings(store, layer.id, [&](LayerSettings& settings) -> absl::Status {
-        if (expected && settings.placement != *expected) {
+        if (command == LayerCommand::kPlace && settings.placement != layer.placement) {
           return FailedPrecondition("{} was placed meanwhile, so nothing was placed; try again",
                                     NameOf(layer.id));
         }

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,16 +30,17 @@ absl::StatusOr<std::vector<LiveLayer>> FindLiveLayers(const MapSourceFlags& sour
 absl::Status EditLiveLayer(const BusFlags& bus, const LiveLayer& layer, LayerCommand command,
                            const Pose2& placement);
 
-// A layer of a fleet, and its session there.
+// A layer of a fleet.
 struct FleetLayer {
   LayerId id;
   SessionId session;
+  FixedPose2 placement;
 };
 // As FindLiveLayers().
 absl::StatusOr<std::vector<FleetLayer>> FindFleetLayers(FleetStore& store,
                                                         const std::vector<std::string>& names);
-// FailedPrecondition where its placement is no more `expected`, if that is given.
+// Places it only where it is still placed as `layer` says; FailedPrecondition elsewhere.
 absl::Status EditFleetLayer(FleetStore& store, const FleetLayer& layer, LayerCommand command,
-                            const Pose2& placement, const std::optional<FixedPose2>& expected = {});
+                            const Pose2& placement);
 
 }  // namespace splinemap

@@ -14,6 +14,7 @@
 #include "clients/splinemap/refold.h"
 #include "clients/splinemap/time_flag.h"
 #include "lib/base/status.h"
+#include "lib/fleet/fleet_map.h"
 #include "lib/fleet/fleet_flags.h"
 #include "lib/map/summed_layers.h"
 #include "splinemap/client.h"
@@ -150,10 +151,8 @@ void WarnOfOtherMaps(const MapClient& client) {
 }
 
 absl::StatusOr<MapSource> OpenFleetMap(const MapSourceFlags& flags) {
-  SPLINEMAP_ASSIGN_OR_RETURN(const FollowedFleet fleet,
-                             FollowWholeFleet(flags.fleet, {}, flags.bus.Timeout()));
-  return MapSource{std::make_unique<LocalMap>(ViewOf(fleet.replica->WholeLayers())),
-                   ReportRefused(fleet.replica->Refused())};
+  SPLINEMAP_ASSIGN_OR_RETURN(auto map, FleetMap::Connect(flags.fleet, flags.bus.Timeout()));
+  return MapSource{std::move(map), kSuccess};
 }
 
 }  // namespace

@@ -115,7 +115,7 @@ absl::StatusOr<int> PrintFleet(const FleetAddress& address, milliseconds patienc
     if (gets_on || state.bytes != bytes) since = Clock::now();
     bytes = state.bytes;
     if (!fleet.replica->HasCompared() || Clock::now() < next) continue;
-    next += kLineInterval;
+    next = Clock::now() + kLineInterval;
     if (json) {
       PrintJson(ToJson(state), -1);
     } else {

@@ -16,7 +16,7 @@ struct Stored {
   uint64_t revision = 0;
 };
 
-absl::StatusOr<Stored> ReadSettings(FleetStore& store, const LayerId& id) {
+absl::StatusOr<Stored> ReadStored(FleetStore& store, const LayerId& id) {
   Stored stored;
   const absl::StatusOr<FleetEntry> entry = store.Get(SettingsKey(id));
   if (absl::IsOutOfRange(entry.status())) return stored;
@@ -30,11 +30,16 @@ absl::StatusOr<Stored> ReadSettings(FleetStore& store, const LayerId& id) {
 
 }  // namespace
 
+absl::StatusOr<LayerSettings> ReadSettings(FleetStore& store, const LayerId& id) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const Stored stored, ReadStored(store, id));
+  return stored.settings.Of(id);
+}
+
 absl::Status ChangeSettings(FleetStore& store, const LayerId& id,
                             absl::FunctionRef<absl::Status(LayerSettings&)> change) {
   const uint64_t writer = RandomId();
   for (int n = 0; n < kMaxTries; ++n) {
-    SPLINEMAP_ASSIGN_OR_RETURN(Stored stored, ReadSettings(store, id));
+    SPLINEMAP_ASSIGN_OR_RETURN(Stored stored, ReadStored(store, id));
     LayerSettings next = stored.settings.Next(id, writer);
     SPLINEMAP_RETURN_IF_ERROR(change(next));
     stored.settings.Merge(id, next);

@@ -4,6 +4,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <memory>
 #include <set>
 #include <utility>
 #include <vector>
@@ -80,42 +81,51 @@ class NatsSubscription : public FleetSubscription {
  public:
   using Handler = std::function<void(natsMsg* message)>;
 
-  explicit NatsSubscription(Handler handler) : handler_(std::move(handler)) {}
+  explicit NatsSubscription(Handler handler)
+      : receiver_(std::make_shared<Receiver>(std::move(handler))) {}
   ~NatsSubscription() override {
     if (!subscription_) return;
     natsSubscription_Unsubscribe(subscription_.get());
-    MutexLock lock(mutex_);
-    is_over_ = true;
+    MutexLock lock(receiver_->mutex);
+    receiver_->is_over = true;
   }
 
   natsStatus Begin(natsConnection* connection, const std::string& subject,
                    const std::string& queue) {
-    subject_ = subject;
+    receiver_->subject = subject;
     natsSubscription* made = nullptr;
-    const auto handle = [](natsConnection*, natsSubscription*, natsMsg* message, void* self) {
+    const auto handle = [](natsConnection*, natsSubscription*, natsMsg* message, void* closure) {
       const NatsHandle<natsMsg> owned(message);
-      static_cast<NatsSubscription*>(self)->Handle(message);
+      Receiver& receiver = **static_cast<std::shared_ptr<Receiver>*>(closure);
+      if (!MatchesFilter(receiver.subject, natsMsg_GetSubject(message))) return;
+      MutexLock lock(receiver.mutex);
+      if (!receiver.is_over) receiver.handler(message);
     };
+    // The library may call once more after it was told to end, and says when it does not any more.
+    auto closure = std::make_unique<std::shared_ptr<Receiver>>(receiver_);
     const natsStatus status =
-        queue.empty() ? natsConnection_Subscribe(&made, connection, subject.c_str(), handle, this)
-                      : natsConnection_QueueSubscribe(&made, connection, subject.c_str(),
-                                                      queue.c_str(), handle, this);
+        queue.empty()
+            ? natsConnection_Subscribe(&made, connection, subject.c_str(), handle, closure.get())
+            : natsConnection_QueueSubscribe(&made, connection, subject.c_str(), queue.c_str(),
+                                            handle, closure.get());
     if (status != NATS_OK) return status;
     subscription_.reset(made);
+    natsSubscription_SetOnCompleteCB(
+        made, [](void* over) { delete static_cast<std::shared_ptr<Receiver>*>(over); },
+        closure.release());
     return natsSubscription_SetPendingLimits(made, kMaxPendingMessages, kMaxPendingBytes);
   }
 
  private:
-  void Handle(natsMsg* message) {
-    if (!MatchesFilter(subject_, natsMsg_GetSubject(message))) return;
-    MutexLock lock(mutex_);
-    if (!is_over_) handler_(message);
-  }
+  struct Receiver {
+    explicit Receiver(Handler h) : handler(std::move(h)) {}
+    const Handler handler;
+    std::string subject;
+    Mutex mutex;
+    bool is_over ABSL_GUARDED_BY(mutex) = false;
+  };
 
-  const Handler handler_;
-  std::string subject_;
-  Mutex mutex_;
-  bool is_over_ ABSL_GUARDED_BY(mutex_) = false;
+  const std::shared_ptr<Receiver> receiver_;
   NatsHandle<natsSubscription> subscription_;
 };
 
@@ -233,6 +243,7 @@ absl::StatusOr<std::unique_ptr<NatsFleetStore>> NatsFleetStore::Connect(
   natsOptions_SetReconnectBufSize(made, 0);
   natsOptions_SetFailRequestsOnDisconnect(made, true);
   natsOptions_UseGlobalMessageDelivery(made, true);
+  natsOptions_SetSendAsap(made, true);  // else it waits for a millisecond whether more comes
   natsOptions_SetReconnectedCB(
       made, [](natsConnection*, void* self) { ++static_cast<State*>(self)->connections; }, state);
   natsOptions_SetErrorHandler(

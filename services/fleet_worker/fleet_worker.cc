@@ -67,11 +67,9 @@ absl::Status MakeBucket(const WorkerOptions& options, NatsFleetStore& store) {
   return is_one_server && !options.replicas ? store.MakeBucket(1) : made;
 }
 
-// The buckets and the map's record, where they are not there, or the servers have lost them.
-absl::Status MakeMap(const WorkerOptions& options, NatsFleetStore& store,
-                     NatsFleetStore& sum_store) {
+// The bucket and the map's record, where they are not there, or the servers have lost them.
+absl::Status MakeMap(const WorkerOptions& options, NatsFleetStore& store) {
   SPLINEMAP_RETURN_IF_ERROR(MakeBucket(options, store));
-  SPLINEMAP_RETURN_IF_ERROR(sum_store.MakeBucket(1));  // it is made of the other
   // Of copies of map files, which workers never read.
   SPLINEMAP_ASSIGN_OR_RETURN(const auto files, NatsFleetStore::Connect(FilesOf(options.fleet)));
   SPLINEMAP_RETURN_IF_ERROR(MakeBucket(options, *files));
@@ -103,10 +101,10 @@ absl::StatusOr<std::unique_ptr<FleetWorker>> FleetWorker::Start(const WorkerOpti
   SPLINEMAP_ASSIGN_OR_RETURN(auto store, NatsFleetStore::Connect(options.fleet));
   SPLINEMAP_ASSIGN_OR_RETURN(auto sum_store, NatsFleetStore::Connect(AddressOfSum(options.fleet)));
   const Clock::time_point end = Clock::now() + kStartPatience;
-  absl::Status made = MakeMap(options, *store, *sum_store);
+  absl::Status made = MakeMap(options, *store);
   while (absl::IsUnavailable(made) && Clock::now() < end) {
     std::this_thread::sleep_for(kTellInterval);
-    made = MakeMap(options, *store, *sum_store);
+    made = MakeMap(options, *store);
   }
   SPLINEMAP_RETURN_IF_ERROR(made);
   std::unique_ptr<FleetWorker> worker(
@@ -168,23 +166,24 @@ void FleetWorker::Tick() {
     served_ = served;
     published_ = share_.published() & complete;
   }
-  const bool was_served_before = subscriptions_.size() == served.count();
+  const PartSet told = ServedParts();
   Serve(served);
   if (followed != followed_) replica_.SetParts(NumbersOf(followed));
   followed_ = followed;
-  is_ready_ = (owned & ~served).none();
+  is_ready_ = (owned & ~ServedParts()).none();
   // Others that hand parts over wait for this.
-  if (!was_served_before) Tell();
+  if (ServedParts() != told) Tell();
+}
+
+PartSet FleetWorker::ServedParts() const {
+  PartSet parts;
+  for (const auto& [part, subscription] : subscriptions_) parts.set(static_cast<size_t>(part));
+  return parts;
 }
 
 void FleetWorker::Tell() {
-  PartSet served;
-  {
-    MutexLock lock(mutex_);
-    served = served_;
-  }
   // Where it does not get through, others take over.
-  store_->Tell(WorkersSubject(options_.fleet), EncodeWord({id_, served})).IgnoreError();
+  store_->Tell(WorkersSubject(options_.fleet), EncodeWord({id_, ServedParts()})).IgnoreError();
 }
 
 void FleetWorker::Serve(const PartSet& parts) {
@@ -245,7 +244,7 @@ std::string FleetWorker::AnswerTo(const std::string& bytes) {
 
 void FleetWorker::Publish(const std::stop_token& stop) {
   SumUpload upload(*sum_store_);
-  Clock::time_point made_at = Clock::now();
+  Clock::time_point made_at;
   Mutex mutex;
   ConditionVariable never;
   while (!stop.stop_requested()) {
@@ -255,7 +254,8 @@ void FleetWorker::Publish(const std::stop_token& stop) {
     }
     absl::Status status;
     if (Clock::now() - made_at > kMakeMapInterval) {
-      status = MakeMap(options_, *store_, *sum_store_);
+      status = MakeMap(options_, *store_);
+      status.Update(sum_store_->MakeBucket(1));  // what it has is made of the other
       made_at = Clock::now();
     }
     PartSet parts;

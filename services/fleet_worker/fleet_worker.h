@@ -56,6 +56,7 @@ class FleetWorker {
   FleetWorker(const WorkerOptions& options, std::unique_ptr<NatsFleetStore> store,
               std::unique_ptr<NatsFleetStore> sum_store);
   void Tell();
+  PartSet ServedParts() const;
   void Serve(const PartSet& parts);
   void Take(Request request);
   void AnswerAll(const std::stop_token& stop);

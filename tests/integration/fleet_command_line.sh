@@ -103,8 +103,9 @@ same() {
   expect 0 splinemap "$command" --fleet $hub "$@"
   cmp out of_file || fail "$command of the fleet differs: $(diff out of_file)"
 }
-for ((k = 0; k < 200; ++k)); do echo "$((k % 20)).$k,-$((k / 10)).3"; done > points.csv
+for ((k = 0; k < 200; ++k)); do echo "$((k % 20)).$k,$((k / 10 - 8)).3"; done > points.csv
 same query --points points.csv --hessian
+[[ $(awk -F, '$7 == 1' out | wc -l) -gt 50 ]] || fail "points beside the map: $(cat out)"
 same query 3 2 --json
 same ray 3 2 90 --max-range 5 --unknown free
 same distance 3 2
@@ -160,6 +161,10 @@ expect_text "has no layer in --region 900,900,901,901, so nothing is written" er
 expect 1 splinemap snapshot --fleet $hub --robot robot-9 none.splinemap
 [[ ! -e none.splinemap ]] || fail "a snapshot of nothing"
 expect 2 splinemap snapshot --fleet $hub --level 1 none.splinemap
+expect 0 splinemap layer remove robot-1.splinemap robot-1 -o empty.splinemap
+fleet_put empty.splinemap $hub empty
+expect 1 splinemap snapshot --fleet $hub --fleet-map empty none.splinemap
+expect_text "the fleet's map 'empty' has no layer, so nothing is written" err
 expect 0 splinemap merge --fleet $hub -o copy.splinemap --force
 expect_text "merged 1 maps: 2 layers" err
 expect 0 splinemap diff copy.splinemap both.splinemap
@@ -201,8 +206,10 @@ same_sum() {
   cmp out of_file || fail "$1 and the fleet's map differ"
 }
 same_sum muted.splinemap
+cp out without_robot_2
 expect 0 splinemap layer unmute --fleet $hub robot-2 robot-1
 same_sum both.splinemap
+! cmp -s out without_robot_2 || fail "robot-2 does not matter"
 expect 0 splinemap layer low-weight --fleet $hub robot-2
 [[ $(setting robot-2 .low_weight) == true ]] || fail "low weight: $(splinemap layers --fleet $hub)"
 expect 0 splinemap layer normal-weight --fleet $hub robot-2

@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include "lib/store/settings_record.h"
 #include "tests/support/memory_fleet_store.h"
 
 namespace splinemap::fleet_settings_test {
@@ -11,10 +10,7 @@ const LayerId kRobot{"robot", 7};
 
 class FleetSettingsTest : public testing::Test {
  protected:
-  LayerSettings Stored() {
-    const absl::StatusOr<FleetEntry> entry = store_.Get(SettingsKey(kRobot));
-    return entry.ok() ? *DecodeSettings(entry->value, kRobot) : LayerSettings();
-  }
+  LayerSettings Stored() { return *ReadSettings(store_, kRobot); }
   absl::Status Mute() {
     return ChangeSettings(store_, kRobot, [](LayerSettings& settings) {
       settings.muted = true;
@@ -80,6 +76,7 @@ TEST_F(FleetSettingsTest, WhereAChangeIsRefusedNothingIsWritten) {
 
 TEST_F(FleetSettingsTest, WhatIsDamagedIsNotTakenForNoSettings) {
   Write("damaged");
+  EXPECT_TRUE(absl::IsDataLoss(ReadSettings(store_, kRobot).status()));
   EXPECT_TRUE(absl::IsDataLoss(Mute())) << Mute();
   EXPECT_EQ(store_.Get(SettingsKey(kRobot))->value, "damaged");
 }
