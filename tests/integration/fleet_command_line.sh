@@ -52,6 +52,11 @@ for command in "layers" "render" "snapshot x.splinemap" "merge -o x.splinemap" "
 done
 fleet_put robot-1.splinemap $hub map
 fleet_put robot-2.splinemap $hub map
+expect 1 splinemap --fleet $hub query 1 2
+expect_text "no splinemap-fleet-worker answers for the map 'map'" err
+splinemap-fleet-worker --fleet $hub 2> worker.log &
+worker=$!
+await splinemap --fleet $hub query 1 2
 
 # --- wherever the flags stand, and in whatever form
 expect 0 splinemap --fleet $hub query 3 2
@@ -202,8 +207,12 @@ expect 0 splinemap layer mute both.splinemap robot-2 -o muted.splinemap
 same_sum() {
   expect 0 splinemap query "$1" --points points.csv
   cp out of_file
-  expect 0 splinemap query --fleet $hub --points points.csv
-  cmp out of_file || fail "$1 and the fleet's map differ"
+  for _ in {1..50}; do  # workers hear of it
+    expect 0 splinemap query --fleet $hub --points points.csv
+    cmp -s out of_file && return
+    sleep 0.1
+  done
+  fail "$1 and the fleet's map differ: $(diff out of_file)"
 }
 same_sum muted.splinemap
 cp out without_robot_2
@@ -216,7 +225,7 @@ expect 0 splinemap layer normal-weight --fleet $hub robot-2
 # Of two at once both count.
 for k in 1 2 3 4; do splinemap layer mute --fleet $hub robot-1 2> /dev/null & done
 for k in 1 2 3 4; do splinemap layer low-weight --fleet $hub robot-1 2> /dev/null & done
-for job in $(jobs -p); do [[ $job == "$server" ]] || wait "$job" || fail "a setting among others"; done
+for job in $(jobs -p); do [[ $job == "$server" || $job == "$worker" ]] || wait "$job" || fail "a setting among others"; done
 [[ $(setting robot-1 '.muted and .low_weight') == true ]] || fail "at once: $(splinemap layers --fleet $hub)"
 expect 2 splinemap layer mute --fleet $hub nobody
 expect_text "the fleet's map has no layer nobody" err
@@ -229,7 +238,7 @@ expect_text "is left out: removed" err
 
 # --- a layer that is not whole is named, and nothing of it is taken for the whole
 expect 0 fleet_put both.splinemap $hub torn torn
-for command in "query 1 2" "snapshot torn.splinemap" "merge -o torn.splinemap" \
+for command in "snapshot torn.splinemap" "merge -o torn.splinemap" \
   "align robot-2 robot-1"; do
   read -ra words <<< "$command"
   expect 1 splinemap "${words[@]}" --fleet $hub --fleet-map torn --timeout 0.5
@@ -247,7 +256,8 @@ expect 0 splinemap snapshot --fleet $hub --fleet-map torn --robot "$whole" torn.
 expect 0 splinemap diff torn.splinemap "$whole.splinemap"
 # Its robot writes it again.
 fleet_put both.splinemap $hub torn
-expect 0 splinemap query --fleet $hub --fleet-map torn 1 2
+expect 0 splinemap snapshot --fleet $hub --fleet-map torn torn.splinemap --force
+expect 0 splinemap diff torn.splinemap both.splinemap
 
 # --- the viewer shows it, and follows
 if command -v splinemap-viewer > /dev/null; then
