@@ -6,8 +6,8 @@ usage() {
   cat << EOF
 usage: deploy/package.sh [--yes]
 
-Builds splinemapd, splinemap-tools, splinemap-viewer and libsplinemap-dev for the Debian that it runs
-on, and fails where lintian finds an error. Install them with
+Builds splinemapd, splinemap-tools, splinemap-viewer, splinemap-fleet and libsplinemap-dev for the
+Debian that it runs on, and fails where lintian finds an error. Install them with
 sudo apt-get install build/packages/*.deb
 Installs missing packages with apt-get (asks first on a terminal, unless --yes).
 EOF

@@ -324,7 +324,7 @@ no_auth_user: reader
 authorization { users: [{ user: reader, password: reader, permissions: { publish: { deny: "$KV.>" } } }] }
 END
 start_server -c readers.conf
-expect 0 splinemap query --fleet $hub --fleet-map torn 1 2
+expect 0 splinemap snapshot --fleet $hub --fleet-map torn torn.splinemap --force
 expect 1 splinemap layer remove --fleet $hub --fleet-map torn robot-1
 expect_text "the servers do not allow it" err
 expect_text "are these the right credentials?" err

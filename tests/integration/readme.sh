@@ -8,7 +8,7 @@ fi
 # shellcheck source=tests/integration/support.sh
 source "$1/tests/integration/support.sh" "$1"
 
-declare -A not_run=([builds]=0 [keys]=0 [systemd]=0 [takes-minutes]=0 [opens-a-window]=0 [viewer]=0)
+declare -A not_run=([builds]=0 [fleet]=0 [keys]=0 [systemd]=0 [takes-minutes]=0 [opens-a-window]=0 [viewer]=0)
 cd "$top"
 mapfile -t documents < <(find . -name '*.md' -not -path './build/*' -not -path './.*' \
   -not -path '*/node_modules/*' |
@@ -141,6 +141,7 @@ run() {
       mapfile -t chosen < <(jq -r '.chosen_flags[]' "$work/out")
       expect 0 splinemap build "$log" demo.splinemap --force "${flags[@]:1}" "${chosen[@]}"
       ;;
+    "deploy/fleet/"*) expect 0 bash -c "$top/$command" ;;
     *"intel-corrected.log.gz "* | *" intel.lcmlog "*)
       [[ ! -e intel-corrected.log.gz ]] || expect 0 bash -c "$command"
       ;;
