@@ -1,4 +1,4 @@
-# bash completion for splinemap, splinemapd and splinemap-viewer  -*- shell-script -*-
+# bash completion for splinemap, splinemapd, splinemap-viewer, -uplink and -fleet-worker  -*- shell-script -*-
 # Commands and flags are those that --help lists, so there is no list to keep up to date.
 
 _splinemap() {
@@ -23,4 +23,4 @@ _splinemap() {
   fi
 }
 # Where there is nothing to propose: files.
-complete -o default -F _splinemap splinemap splinemapd splinemap-viewer
+complete -o default -F _splinemap splinemap splinemapd splinemap-viewer splinemap-uplink splinemap-fleet-worker

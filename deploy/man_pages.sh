@@ -39,7 +39,9 @@ subcommands() {
 
 page splinemapd splinemapd
 page splinemap splinemap
-! command -v splinemap-viewer > /dev/null || page splinemap-viewer splinemap-viewer
+for program in splinemap-viewer splinemap-uplink splinemap-fleet-worker; do
+  ! command -v "$program" > /dev/null || page "$program" "$program"
+done
 while read -r command; do
   page "splinemap-$command" splinemap "$command"
   while read -r sub; do

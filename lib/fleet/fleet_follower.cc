@@ -327,6 +327,16 @@ bool FleetFollower::IsWhole() const {
   });
 }
 
+bool FleetFollower::HasStalled(Clock::time_point now, Clock::time_point compared_at) const {
+  constexpr std::chrono::seconds kPatience(3);
+  if (options_.parts) return false;
+  return std::any_of(layers_.begin(), layers_.end(), [&](const auto& entry) {
+    const auto& [id, layer] = entry;
+    return !layer.matches && now - layer.changed > kPatience &&
+           compared_at - layer.changed < kPatience && IsSelected(id) && !UsesOtherOptions(layer);
+  });
+}
+
 std::vector<std::string> FleetFollower::Refused() const {
   std::vector<std::string> refused;
   for (const auto& [id, layer] : layers_) {

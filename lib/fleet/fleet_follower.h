@@ -70,6 +70,9 @@ class FleetFollower {
   std::vector<FollowedLayer> FollowedLayers(Clock::time_point now) const;
   // Whether every layer is what its digest says. Of parts alone nobody can tell: always.
   bool IsWhole() const;
+  // Whether a layer is not what its digest says, nothing of it has come for some seconds, and it
+  // was not compared since: what it lacks is not on its way.
+  bool HasStalled(Clock::time_point now, Clock::time_point compared_at) const;
   // Layers that are not followed, and why; values that cannot be, the newest of each layer.
   std::vector<std::string> Refused() const;
   int64_t malformed() const { return malformed_; }

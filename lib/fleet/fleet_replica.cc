@@ -13,8 +13,9 @@ using std::chrono::milliseconds;
 
 // The engine may forget without a word.
 constexpr std::chrono::seconds kCompareInterval(60);
-// A digest that does not match for so long lacks something that is not on its way.
-constexpr milliseconds kPatience(3000);
+// By then all servers of a cluster know of a subscription, and what was stored meanwhile was told
+// to nobody.
+constexpr milliseconds kSpread(2000);
 constexpr milliseconds kRetry(1000);
 constexpr milliseconds kPublishInterval(50);
 constexpr milliseconds kLongestWait(100);
@@ -115,15 +116,18 @@ void FleetReplica::Run(const std::stop_token& stop) {
   uint64_t connections = 0;
   Clock::time_point compared_at;
   Clock::time_point published_at;
-  Clock::time_point whole_at = Clock::now();
+  Clock::time_point next_compare;
   while (!stop.stop_requested()) {
-    is_due |= connections != store_.connections() || Clock::now() - compared_at > kCompareInterval;
-    // Not again and again where it fails, or helps nobody.
+    is_due |= connections != store_.connections() || Clock::now() > next_compare;
     if (is_due && Clock::now() - compared_at > kRetry) {
-      connections = store_.connections();
+      const size_t subscriptions = subscriptions_.size();
+      const uint64_t before = std::exchange(connections, store_.connections());
       const absl::Status compared = Compare();
       compared_at = Clock::now();
       is_due = !compared.ok();
+      next_compare = compared_at + (before == connections && subscriptions == subscriptions_.size()
+                                        ? Clock::duration(kCompareInterval)
+                                        : Clock::duration(kSpread));
       MutexLock lock(mutex_);
       problem_ = ErrorText(compared);
       is_compared_ = compared.ok();
@@ -135,13 +139,12 @@ void FleetReplica::Run(const std::stop_token& stop) {
     }
     {
       MutexLock lock(mutex_);
-      if (follower_.IsWhole()) whole_at = Clock::now();
+      is_due |= follower_.HasStalled(Clock::now(), compared_at);
       const std::vector<std::string> filters = follower_.Filters();
       is_due |= std::any_of(filters.begin(), filters.end(), [&](const std::string& filter) {
         return !subscriptions_.contains(filter);
       });
     }
-    is_due |= Clock::now() - std::max(whole_at, compared_at) > kPatience;
     is_due |= WaitForNews(stop);
   }
 }

@@ -11,8 +11,8 @@ if [[ ${1:-} != inside ]]; then
   PATH=$PATH:/usr/sbin:/sbin
   for unshare in "unshare -nm" "unshare -rnm"; do
     # shellcheck disable=SC2086  # words of a command
-    if $unshare sh -c 'mount -t tmpfs none /run && ip netns add try && ip link add a type veth peer name b &&
-        tc qdisc add dev a root tbf rate 1mbit burst 4kb latency 100ms' 2> /dev/null; then
+    if $unshare sh -c 'mount -t tmpfs none /run && ip netns add try && ip link add try0 type veth peer name try1 &&
+        tc qdisc add dev try0 root tbf rate 1mbit burst 4kb latency 100ms' 2> /dev/null; then
       # shellcheck disable=SC2086
       exec $unshare "$0" inside "$top" "$@"
     fi
@@ -39,17 +39,17 @@ done
 # The fleet here, the robot in a namespace of its own, the link between.
 ip link set lo up
 ip netns add robot
-ip link add link type veth peer name eth0 netns robot
-ip addr add 10.77.1.1/24 dev link
-ip link set link up
+ip link add port type veth peer name eth0 netns robot
+ip addr add 10.77.1.1/24 dev port
+ip link set port up
 on_robot() { ip netns exec robot "$@"; }
 on_robot sh -c 'ip link set lo up; ip addr add 10.77.1.2/24 dev eth0; ip link set eth0 up
   ip route add 224.0.0.0/4 dev lo'
-tc qdisc add dev link root tbf rate 1mbit burst 4kb latency 100ms
+tc qdisc add dev port root tbf rate 1mbit burst 4kb latency 100ms
 on_robot tc qdisc add dev eth0 root tbf rate 1mbit burst 4kb latency 100ms
 lose='table inet loss { chain in { type filter hook input priority 0
   iifname NAME numgen random mod 100 < 5 drop; }; }'
-nft -f - <<< "${lose/NAME/link}"
+nft -f - <<< "${lose/NAME/port}"
 on_robot nft -f - <<< "${lose/NAME/eth0}"
 
 nats-server -a 10.77.1.1 -js -sd "$work/jetstream" > server.log 2>&1 &
@@ -66,7 +66,7 @@ on_robot splinemap watch --json > status.jsonl 2> /dev/null &
 on_robot lcm-logplayer -s 1 drive.lcmlog > /dev/null 2>&1 &
 player=$!
 
-bytes() { cat "/sys/class/net/link/statistics/$1_bytes"; }
+bytes() { cat "/sys/class/net/port/statistics/$1_bytes"; }
 # commits_there: of the layer in the fleet.
 commits_there() { splinemap --fleet "$fleet" layers --json --timeout 5 2> /dev/null | jq '.[0].commits // 0'; }
 begin=$SECONDS
