@@ -95,18 +95,26 @@ absl::Status MakeMap(const WorkerOptions& options, NatsFleetStore& store) {
   return absl::IsAborted(put) ? absl::OkStatus() : put;  // another worker was faster
 }
 
+absl::Status ConnectAndMakeMap(const WorkerOptions& options,
+                               std::unique_ptr<NatsFleetStore>& store) {
+  if (!store) {
+    SPLINEMAP_ASSIGN_OR_RETURN(store, NatsFleetStore::Connect(options.fleet));
+  }
+  return MakeMap(options, *store);
+}
+
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<FleetWorker>> FleetWorker::Start(const WorkerOptions& options) {
-  SPLINEMAP_ASSIGN_OR_RETURN(auto store, NatsFleetStore::Connect(options.fleet));
-  SPLINEMAP_ASSIGN_OR_RETURN(auto sum_store, NatsFleetStore::Connect(AddressOfSum(options.fleet)));
+  std::unique_ptr<NatsFleetStore> store;
   const Clock::time_point end = Clock::now() + kStartPatience;
-  absl::Status made = MakeMap(options, *store);
+  absl::Status made = ConnectAndMakeMap(options, store);
   while (absl::IsUnavailable(made) && Clock::now() < end) {
     std::this_thread::sleep_for(kTellInterval);
-    made = MakeMap(options, *store);
+    made = ConnectAndMakeMap(options, store);
   }
   SPLINEMAP_RETURN_IF_ERROR(made);
+  SPLINEMAP_ASSIGN_OR_RETURN(auto sum_store, NatsFleetStore::Connect(AddressOfSum(options.fleet)));
   std::unique_ptr<FleetWorker> worker(
       new FleetWorker(options, std::move(store), std::move(sum_store)));
   const auto handler = [self = worker.get()](const std::string& message) {

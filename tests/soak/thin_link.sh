@@ -59,14 +59,14 @@ splinemap-fleet-worker --fleet "$fleet" > worker.log 2>&1 &
 await splinemap --fleet "$fleet" layers --json
 export LCM_DEFAULT_URL="udpm://239.255.76.67:7667?ttl=0&recv_buf_size=2000000"
 splinemap simulate drive.lcmlog --rate 10 --pose-rate 20 2> /dev/null
-on_robot splinemapd --scan LASER --pose POSE --name robot > robot.log 2>&1 &
+ip netns exec robot splinemapd --scan LASER --pose POSE --name robot > robot.log 2>&1 &
 robot=$!
-on_robot splinemap-uplink --fleet "$fleet" --max-kb-per-s 80 > uplink.log 2>&1 &
-on_robot splinemap watch --json > status.jsonl 2> /dev/null &
-on_robot lcm-logplayer -s 1 drive.lcmlog > /dev/null 2>&1 &
+ip netns exec robot splinemap-uplink --fleet "$fleet" --max-kb-per-s 80 > uplink.log 2>&1 &
+ip netns exec robot splinemap watch --json > status.jsonl 2> /dev/null &
+ip netns exec robot lcm-logplayer -s 1 drive.lcmlog > /dev/null 2>&1 &
 player=$!
 
-bytes() { cat "/sys/class/net/port/statistics/$1_bytes"; }
+bytes() { ip -s -j link show port | jq ".[0].stats64.$1.bytes"; }
 # commits_there: of the layer in the fleet.
 commits_there() { splinemap --fleet "$fleet" layers --json --timeout 5 2> /dev/null | jq '.[0].commits // 0'; }
 begin=$SECONDS
