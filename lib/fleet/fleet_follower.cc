@@ -337,6 +337,17 @@ bool FleetFollower::HasStalled(Clock::time_point now, Clock::time_point compared
   });
 }
 
+std::vector<LayerId> FleetFollower::ForgottenSettings() const {
+  std::vector<LayerId> forgotten;
+  for (const auto& [id, settings] : settings_.records()) {
+    SettingsTable alone;
+    alone.Merge(id, settings);
+    const auto known = known_.find(SettingsKey(id));
+    if (known == known_.end() || known->second.hash != alone.hash()) forgotten.push_back(id);
+  }
+  return forgotten;
+}
+
 std::vector<std::string> FleetFollower::Refused() const {
   std::vector<std::string> refused;
   for (const auto& [id, layer] : layers_) {

@@ -77,6 +77,8 @@ class FleetFollower {
   std::vector<std::string> Refused() const;
   int64_t malformed() const { return malformed_; }
   const SettingsTable& settings() const { return settings_; }
+  // Settings of layers of which the bucket has other ones, or none: it has forgotten them.
+  std::vector<LayerId> ForgottenSettings() const;
 
  private:
   struct Known {

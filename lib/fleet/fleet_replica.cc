@@ -52,6 +52,16 @@ LayerSet FleetReplica::WholeLayers() const {
   return set;
 }
 
+std::map<LayerId, LayerSettings> FleetReplica::ForgottenSettings() const {
+  MutexLock lock(mutex_);
+  std::map<LayerId, LayerSettings> forgotten;
+  if (!is_compared_) return forgotten;
+  for (const LayerId& id : follower_.ForgottenSettings()) {
+    forgotten[id] = follower_.settings().Of(id);
+  }
+  return forgotten;
+}
+
 std::optional<MapOptions> FleetReplica::map_options() const {
   MutexLock lock(mutex_);
   return follower_.map_options();

@@ -40,6 +40,8 @@ class FleetReplica : public QueryableMap {
   // Of each layer the state in which a digest matched for the last time.
   LayerSet WholeLayers() const;
   std::optional<MapOptions> map_options() const;
+  // As FleetFollower::ForgottenSettings(), with what they were; nothing while it is not compared.
+  std::map<LayerId, LayerSettings> ForgottenSettings() const;
   std::vector<FollowedLayer> FollowedLayers() const;
   // Whether everything was compared: no layer of the bucket is missing here as a whole.
   bool HasCompared() const;

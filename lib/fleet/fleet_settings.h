@@ -19,4 +19,8 @@ absl::StatusOr<LayerSettings> ReadSettings(FleetStore& store, const LayerId& id)
 absl::Status ChangeSettings(FleetStore& store, const LayerId& id,
                             absl::FunctionRef<absl::Status(LayerSettings&)> change);
 
+// Has the bucket know these settings, merged with what it has; in place of a record that is
+// damaged. Writes nothing where it knows them.
+absl::Status KeepSettings(FleetStore& store, const LayerId& id, const LayerSettings& settings);
+
 }  // namespace splinemap

@@ -12,7 +12,7 @@ namespace splinemap {
 namespace {
 
 // So many bytes are sent before what was sent is acknowledged.
-constexpr int64_t kBatchBytes = 64 << 10;
+constexpr int64_t kBatchBytes = 16 << 10;
 // Beside the value of an entry: key, hash, and what NATS and TCP add.
 constexpr int64_t kOverheadBytes = 300;
 
@@ -22,19 +22,11 @@ LayerUpload::LayerUpload(FleetStore& store, LayerId id, const MapOptions& option
     : store_(store), id_(std::move(id)), options_(options) {}
 
 absl::Status LayerUpload::Bring(const LayerSnapshot& layer, Pace pace) {
-  const bool is_new = !is_compared_ || store_.connections() != connections_;
-  if (is_new) SPLINEMAP_RETURN_IF_ERROR(Compare(layer));
-  greater_session_.reset();
-  if (session_in_store_ && *session_in_store_ > layer.session) {
-    greater_session_ = session_in_store_;
-    return FailedPrecondition("the fleet has session {} of {}, which is later than {} here",
-                              session_in_store_->number, id_.name, layer.session.number);
-  }
-  if (is_new) {
-    for (const auto& [block, hash] : in_store_) dirty_.insert(block);
+  const bool is_to_compare = !is_compared_ || store_.connections() != connections_;
+  if (is_to_compare) {
+    sums_.clear();
     layer.tiles.ForEach(
         [&](TileKey key, const TileTree::Entry&) { dirty_.insert(BlockKey::Of(key)); });
-    sums_.clear();
   } else {
     TileTree::ForEachDifference(tiles_, layer.tiles,
                                 [&](TileKey key, const TileTree::Entry*, const TileTree::Entry*) {
@@ -42,8 +34,31 @@ absl::Status LayerUpload::Bring(const LayerSnapshot& layer, Pace pace) {
                                 });
   }
   tiles_ = layer.tiles;
+  SumDirtyBlocks();
+  if (is_to_compare) {
+    SPLINEMAP_RETURN_IF_ERROR(Compare(layer));
+    for (const auto& [block, hash] : in_store_) dirty_.insert(block);
+  }
+  greater_session_.reset();
+  if (session_in_store_ && *session_in_store_ > layer.session) {
+    greater_session_ = session_in_store_;
+    return FailedPrecondition("the fleet has session {} of {}, which is later than {} here",
+                              session_in_store_->number, id_.name, layer.session.number);
+  }
+  if (digest_revision_ == 0) {
+    // So that a layer that takes long to arrive is shown meanwhile.
+    SPLINEMAP_RETURN_IF_ERROR(WriteDigest({id_, layer.session, 0, 0, 0, 0, options_, {}}));
+  }
   SPLINEMAP_RETURN_IF_ERROR(WriteBlocks(layer, pace));
-  return WriteDigest(layer);
+  return WriteDigest(DigestOf(layer));
+}
+
+// What was written before the engine went away may be forgotten, and be what a digest tells of.
+absl::Status LayerUpload::CheckConnection() {
+  if (store_.connections() == connections_) return absl::OkStatus();
+  CompareAgain();
+  return Unavailable("the connection to the fleet was lost meanwhile; {} is compared again",
+                     id_.name);
 }
 
 // To list all hashes costs the engine a consumer. It is spared where the entry that was written
@@ -112,16 +127,15 @@ absl::Status LayerUpload::List() {
   return absl::OkStatus();
 }
 
-LayerDigest LayerUpload::DigestOf(const LayerSnapshot& layer) const {
-  LayerDigest digest{id_, layer.session, layer.revision, 0, 0, 0, options_, {}};
-  layer.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
-    ++digest.tiles;
-    digest.hash += entry.tile->Checksum(key);
-    const BlockKey block = BlockKey::Of(key);
-    digest.box.Add(block.Tile(0));
-    digest.box.Add(block.Tile(15));
-  });
-  return digest;
+void LayerUpload::SumDirtyBlocks() {
+  for (const BlockKey& key : dirty_) {
+    const LayerBlock block = BlockOf(tiles_, key);
+    if (block.IsEmpty()) {
+      sums_.erase(key);
+    } else {
+      sums_[key] = block.SumOf(key);
+    }
+  }
 }
 
 absl::Status LayerUpload::WriteBlocks(const LayerSnapshot& layer, Pace pace) {
@@ -134,11 +148,6 @@ absl::Status LayerUpload::WriteBlocks(const LayerSnapshot& layer, Pace pace) {
   std::vector<Due> due;
   for (auto key = dirty_.begin(); key != dirty_.end();) {
     const LayerBlock block = BlockOf(layer.tiles, *key);
-    if (block.IsEmpty()) {
-      sums_.erase(*key);
-    } else {
-      sums_[*key] = block.SumOf(*key);
-    }
     const auto stored = in_store_.find(*key);
     const uint64_t hash = HashOf(block, *key);
     if (hash == (stored == in_store_.end() ? 0 : stored->second)) {
@@ -163,6 +172,7 @@ absl::Status LayerUpload::WriteBlocks(const LayerSnapshot& layer, Pace pace) {
       batch.push_back({BlockKeyOf(id_, key), std::move(value), HashOf(block, key)});
     }
     if (!pace(bytes)) return absl::CancelledError("the upload was ended");
+    SPLINEMAP_RETURN_IF_ERROR(CheckConnection());
     if (absl::Status status = store_.Put(batch); !status.ok()) {
       is_compared_ = false;
       return status;
@@ -183,7 +193,7 @@ absl::Status LayerUpload::WriteBlocks(const LayerSnapshot& layer, Pace pace) {
   return absl::OkStatus();
 }
 
-absl::Status LayerUpload::WriteDigest(const LayerSnapshot& layer) {
+LayerDigest LayerUpload::DigestOf(const LayerSnapshot& layer) const {
   LayerDigest digest{id_, layer.session, layer.revision, 0, 0, 0, options_, {}};
   for (const auto& [key, sum] : sums_) {
     digest.tiles += sum.tiles;
@@ -191,8 +201,13 @@ absl::Status LayerUpload::WriteDigest(const LayerSnapshot& layer) {
     digest.box.Add(key.Tile(0));
     digest.box.Add(key.Tile(15));
   }
+  return digest;
+}
+
+absl::Status LayerUpload::WriteDigest(LayerDigest digest) {
   const uint64_t hash = HashOf(digest);
   if (hash == digest_hash_) return absl::OkStatus();
+  SPLINEMAP_RETURN_IF_ERROR(CheckConnection());
   digest.utime = HostUtime();
   const FleetEntry entry{DigestKey(id_), EncodeDigest(digest), hash};
   const absl::StatusOr<uint64_t> revision = store_.PutIf(entry, digest_revision_);
@@ -205,7 +220,8 @@ absl::Status LayerUpload::WriteDigest(const LayerSnapshot& layer) {
   }
   digest_revision_ = *revision;
   digest_hash_ = hash;
-  session_in_store_ = layer.session;
+  session_in_store_ = digest.session;
+  SPLINEMAP_RETURN_IF_ERROR(CheckConnection());
   ++counts_.digests;
   counts_.bytes += static_cast<int64_t>(entry.value.size());
   return absl::OkStatus();
@@ -213,9 +229,10 @@ absl::Status LayerUpload::WriteDigest(const LayerSnapshot& layer) {
 
 absl::Status LayerUpload::Look() {
   if (!is_compared_) return absl::OkStatus();
-  const absl::StatusOr<FleetEntry> entry = store_.Get(DigestKey(id_));
-  if (!entry.ok() && !absl::IsOutOfRange(entry.status())) return entry.status();
-  if (!entry.ok() || entry->revision != digest_revision_) is_compared_ = false;
+  const absl::StatusOr<FleetEntry> last = store_.Get(LayerFilter(id_));
+  if (!last.ok() && !absl::IsOutOfRange(last.status())) return last.status();
+  const uint64_t revision = last.ok() ? last->revision : 0;
+  if (revision != digest_revision_ && dirty_.empty()) is_compared_ = false;
   return absl::OkStatus();
 }
 

@@ -33,8 +33,8 @@ class LayerUpload {
   // FailedPrecondition where the bucket has a greater session: see greater_session().
   absl::Status Bring(const LayerSnapshot& layer, Pace pace);
 
-  // Looks whether the digest is what was written last, and has the next Bring() compare everything
-  // where it is not. Call it now and then.
+  // Looks whether nothing was written after the digest, and it is there, and else has the next
+  // Bring() compare everything where it is not. Call it now and then.
   absl::Status Look();
   // Has the next Bring() compare everything.
   void CompareAgain() {
@@ -57,9 +57,11 @@ class LayerUpload {
   absl::Status Compare(const LayerSnapshot& layer);
   absl::Status ReadDigest();
   absl::Status List();
+  absl::Status CheckConnection();
+  void SumDirtyBlocks();
   LayerDigest DigestOf(const LayerSnapshot& layer) const;
   absl::Status WriteBlocks(const LayerSnapshot& layer, Pace pace);
-  absl::Status WriteDigest(const LayerSnapshot& layer);
+  absl::Status WriteDigest(LayerDigest digest);
 
   FleetStore& store_;
   const LayerId id_;

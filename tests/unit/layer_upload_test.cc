@@ -260,6 +260,63 @@ TEST_F(LayerUploadTest, AGreaterSessionIsNotOverwritten) {
   ExpectStored(layer_.Snapshot());
 }
 
+TEST_F(LayerUploadTest, ALaterSessionOfAnOlderFileTakesTheNewerTilesAway) {
+  const LayerSnapshot old_file = CommitAndBring(3);
+  CommitAndBring(20);
+  LayerUpload upload(store_, kId, kMapOptions);
+  Layer older(old_file, {2, 50});
+  EXPECT_TRUE(absl::IsFailedPrecondition(upload.Bring(older.Snapshot(), kUnpaced)));
+  older.StartSession(kId, {4, 50});
+  ASSERT_TRUE(upload.Bring(older.Snapshot(), kUnpaced).ok());
+  ExpectStored(older.Snapshot());
+}
+
+TEST_F(LayerUploadTest, WhatIsForgottenWhileItIsBroughtIsWrittenAgain) {
+  const LayerSnapshot early = CommitAndBring(3);
+  const MemoryFleetStore::Backup backup = store_.Save();
+  for (int k = 0; k < 30; ++k) Commit(layer_, random_, 60);
+  const LayerSnapshot late = layer_.Snapshot();
+  int batches = 0;
+  const auto go_back_once = [&](int64_t) {
+    if (++batches == 3) {
+      store_.Restore(backup);
+      store_.GoAway();
+      store_.ComeBack();
+    }
+    return true;
+  };
+  EXPECT_FALSE(upload_.Bring(late, go_back_once).ok());
+  ASSERT_TRUE(upload_.Bring(late, kUnpaced).ok());
+  ExpectStored(late);
+}
+
+TEST_F(LayerUploadTest, WhatALesserSessionWroteOverItShows) {
+  const LayerSnapshot layer = CommitAndBring(10);
+  // It has found nothing later, and writes before it sees that its digest is refused.
+  FleetEntry stray = *store_.Get(KeysOf("layers.*.*.tiles.>").front());
+  stray.value = "of a lesser session";
+  store_.Write(stray);
+  ASSERT_TRUE(upload_.Look().ok());
+  ASSERT_TRUE(upload_.Bring(layer, kUnpaced).ok());
+  // Its hash is the one that belongs there.
+  EXPECT_EQ(upload_.counts().listed, 1);
+}
+
+TEST_F(LayerUploadTest, ALayerThatIsOnItsWayIsShownAndNotWhole) {
+  for (int k = 0; k < 100; ++k) Commit(layer_, random_, 60);
+  int batches = 0;
+  EXPECT_FALSE(upload_.Bring(layer_.Snapshot(), [&](int64_t) { return ++batches < 5; }).ok());
+  Copy copy(store_, {});
+  copy.Compare();
+  ASSERT_EQ(copy.follower().Layers().layers.size(), 1u);
+  EXPECT_GT(copy.follower().Layers().layers[0].tiles.size(), 0u);
+  EXPECT_FALSE(copy.follower().IsWhole());
+  // Whoever brings it then does not take it for whole.
+  LayerUpload restarted(store_, kId, kMapOptions);
+  ASSERT_TRUE(restarted.Bring(layer_.Snapshot(), kUnpaced).ok());
+  ExpectStored(layer_.Snapshot());
+}
+
 TEST_F(LayerUploadTest, AnUploadThatIsEndedGoesOnWhereItWas) {
   for (int k = 0; k < 200; ++k) Commit(layer_, random_, 60);
   const LayerSnapshot layer = layer_.Snapshot();
