@@ -24,7 +24,14 @@ bool Overlap(const TileBox& a, const TileBox& b) {
 }  // namespace
 
 std::vector<std::string> FleetFollower::Filters() const {
-  std::vector<std::string> filters = {kMapKey, kSettingsFilter, kDigestFilter};
+  std::vector<std::string> filters = {kMapKey, kSettingsFilter};
+  std::set<std::string> digests;
+  for (const std::string& name : options_.names) {
+    const bool is_pattern = name.find_first_of("*?[") != std::string::npos;
+    if (!name.empty()) digests.insert(is_pattern ? kDigestFilter : DigestFilter(name));
+  }
+  if (options_.names.empty() || digests.contains(kDigestFilter)) digests = {kDigestFilter};
+  filters.insert(filters.end(), digests.begin(), digests.end());
   if (options_.parts) {
     for (const int part : *options_.parts) filters.push_back(PartFilter(part));
     for (const auto& [id, layer] : layers_) {
@@ -86,7 +93,7 @@ void FleetFollower::ForgetOtherParts() {
     const auto is_other = [&, &of = id](const auto& block) { return !IsFollowed(of, block.first); };
     if (std::none_of(layer.blocks.begin(), layer.blocks.end(), is_other)) continue;
     std::erase_if(layer.blocks, is_other);
-    TileTreeEditor rest;  // trees only grow
+    TileTreeEditor rest;
     layer.tiles.tree().ForEach([&, &of = id](TileKey at, const TileTree::Entry& entry) {
       if (IsFollowed(of, BlockKey::Of(at))) rest.Put(at, entry.tile, entry.revision);
     });
@@ -104,12 +111,20 @@ void FleetFollower::ForgetOtherParts() {
 }
 
 bool FleetFollower::Knows(const std::string& filter) const {
-  return std::any_of(known_.begin(), known_.end(),
-                     [&](const auto& known) { return MatchesFilter(filter, known.first); });
+  const std::string prefix = filter.substr(0, filter.find_first_of("*>"));
+  for (auto known = known_.lower_bound(prefix);
+       known != known_.end() && known->first.compare(0, prefix.size(), prefix) == 0; ++known) {
+    if (MatchesFilter(filter, known->first)) return true;
+  }
+  return false;
 }
 
 bool FleetFollower::HasRoom(const LayerId& id) const {
-  return layers_.contains(id) || layers_.size() < kMaxLayers;
+  if (layers_.contains(id)) return true;
+  const auto begin = layers_.lower_bound({id.name, 0});
+  const auto end = layers_.upper_bound({id.name, UINT64_MAX});
+  return layers_.size() < kMaxLayers &&
+         std::distance(begin, end) < static_cast<int64_t>(kMaxLayersOfName);
 }
 
 void FleetFollower::Handle(const FleetEntry& entry, Clock::time_point now) {
@@ -129,15 +144,16 @@ void FleetFollower::Take(const FleetEntry& entry, const FleetKey& key, Clock::ti
                              : key.kind == Kind::kSettings ? TakeSettings(entry, key.layer)
                              : key.kind == Kind::kDigest   ? TakeDigest(entry, key.layer, now)
                                                            : TakeBlock(entry, key, now);
-  if (entry.value.empty()) {
+  const auto layer = is_layers ? layers_.find(key.layer) : layers_.end();
+  if (entry.value.empty() || absl::IsResourceExhausted(taken)) {
     known_.erase(entry.key);
-  } else {
+  } else if (taken.ok() || layer != layers_.end()) {
     // Also of what is damaged: it is read again when it was written again.
     known_[entry.key] = {entry.revision, entry.hash};
   }
   if (taken.ok()) return;
   ++malformed_;
-  if (is_layers) layers_[key.layer].problem = entry.key + ": " + ErrorText(taken);
+  if (layer != layers_.end()) layer->second.problem = entry.key + ": " + ErrorText(taken);
 }
 
 std::vector<std::string> FleetFollower::HandleList(const std::string& filter,
@@ -160,13 +176,21 @@ std::vector<std::string> FleetFollower::HandleList(const std::string& filter,
     }
   }
   // Also what is not in the list, which may be older than what came beside.
-  for (const auto& [key, known] : known_) {
+  const std::string prefix = filter.substr(0, filter.find_first_of("*>"));
+  for (auto known = known_.lower_bound(prefix);
+       known != known_.end() && known->first.compare(0, prefix.size(), prefix) == 0; ++known) {
+    const std::string& key = known->first;
     if (!listed.contains(key) && MatchesFilter(filter, key)) wanted.push_back(key);
   }
   for (const std::string& key : wanted) {
     if (const auto known = known_.find(key); known != known_.end()) known->second.revision = 0;
   }
   return wanted;
+}
+
+bool FleetFollower::Has(const std::string& key) const {
+  const auto known = known_.find(key);
+  return known != known_.end() && known->second.revision > 0;
 }
 
 void FleetFollower::HandleGone(const std::string& key, Clock::time_point now) {
@@ -177,6 +201,8 @@ absl::Status FleetFollower::TakeMap(const FleetEntry& entry) {
   if (entry.value.empty()) return absl::OkStatus();  // its layers say the same
   SPLINEMAP_ASSIGN_OR_RETURN(const MapOptions options, DecodeMapOptions(entry.value));
   if (map_options_ == options) return absl::OkStatus();
+  // What was refused may be taken now.
+  if (map_options_) known_.clear();
   map_options_ = options;
   ++version_;
   return absl::OkStatus();
@@ -187,7 +213,10 @@ absl::Status FleetFollower::TakeSettings(const FleetEntry& entry, const LayerId&
   SPLINEMAP_ASSIGN_OR_RETURN(const LayerSettings settings, DecodeSettings(entry.value, id));
   const bool was_placed = IsPlaced(id);
   if (settings_.Merge(id, settings)) ++version_;
-  if (was_placed && !IsPlaced(id)) ForgetOtherParts();
+  if (was_placed && !IsPlaced(id)) {
+    compared_placed_.erase(id);
+    ForgetOtherParts();
+  }
   return absl::OkStatus();
 }
 
@@ -221,36 +250,36 @@ absl::Status FleetFollower::TakeBlock(const FleetEntry& entry, const FleetKey& k
   if (HashOf(block, key.block) != entry.hash) return DataLoss("it is not what its writer said");
   const auto found = layers_.find(key.layer);
   if (block.IsEmpty() && found == layers_.end()) return absl::OkStatus();
-  Followed& layer = layers_[key.layer];
-  if (tiles_ + block.tiles.size() > kMaxTiles) {
+  uint64_t before = 0;
+  if (found != layers_.end()) {
+    const auto known = found->second.blocks.find(key.block);
+    if (known != found->second.blocks.end()) before = known->second.tiles;
+  }
+  if (tiles_ - before + block.SumOf(key.block).tiles > kMaxTiles) {
     return absl::ResourceExhaustedError("there is no room for more tiles");
   }
+  Followed& layer = layers_[key.layer];
   ReplaceBlock(layer, key.block, block);
   layer.changed = now;
+  layer.has_stalled = false;
   Compare(key.layer, layer);
   return absl::OkStatus();
 }
 
 void FleetFollower::ReplaceBlock(Followed& layer, BlockKey key, const LayerBlock& block) {
   const LayerBlock before = BlockOf(layer.tiles.tree(), key);
-  std::set<TileKey> gone;
   for (int child = 0; child < static_cast<int>(block.tiles.size()); ++child) {
     const LayerBlock::Entry& entry = block.tiles[child];
     const TileKey at = key.Tile(child);
     if (!entry.tile) {
-      if (before.tiles[child].tile) gone.insert(at);
-    } else if (!before.tiles[child].tile ||
-               before.tiles[child].tile->Checksum(at) != entry.tile->Checksum(at)) {
+      if (before.tiles[child].tile) layer.gone.insert(at);
+      continue;
+    }
+    layer.gone.erase(at);
+    if (!before.tiles[child].tile ||
+        before.tiles[child].tile->Checksum(at) != entry.tile->Checksum(at)) {
       layer.tiles.Put(at, entry.tile, entry.revision);
     }
-  }
-  if (!gone.empty()) {
-    // Trees only grow: another one is made.
-    TileTreeEditor rest;
-    layer.tiles.tree().ForEach([&](TileKey at, const TileTree::Entry& entry) {
-      if (!gone.contains(at)) rest.Put(at, entry.tile, entry.revision);
-    });
-    layer.tiles = std::move(rest);
   }
   LayerBlock::Sum& sum = layer.blocks[key];
   layer.sum.tiles -= sum.tiles;
@@ -267,12 +296,21 @@ void FleetFollower::Compare(const LayerId& id, Followed& layer) {
   ++version_;
   ++layer.version;
   const auto& digest = layer.digest;
-  layer.matches = digest && digest->tiles == layer.sum.tiles && digest->hash == layer.sum.hash;
+  layer.matches = digest && !digest->is_arriving && digest->tiles == layer.sum.tiles &&
+                  digest->hash == layer.sum.hash;
   if (layer.matches) layer.whole = SnapshotOf(id, layer);
   if (!digest && layer.sum.tiles == 0) layers_.erase(id);
 }
 
 LayerSnapshot FleetFollower::SnapshotOf(const LayerId& id, Followed& layer) {
+  if (!layer.gone.empty()) {
+    TileTreeEditor rest;
+    layer.tiles.tree().ForEach([&](TileKey at, const TileTree::Entry& entry) {
+      if (!layer.gone.contains(at)) rest.Put(at, entry.tile, entry.revision);
+    });
+    layer.tiles = std::move(rest);
+    layer.gone.clear();
+  }
   return {id, layer.digest->session, layer.digest->revision, layer.tiles.Freeze()};
 }
 
@@ -288,6 +326,7 @@ LayerSet FleetFollower::Layers() {
   for (auto& [id, layer] : layers_) {
     if (!layer.digest || UsesOtherOptions(layer) || !IsSelected(id)) continue;
     if (settings_.Of(id).IsRemoved(layer.digest->session)) continue;
+    if (options_.parts && IsPlaced(id) && !compared_placed_.contains(id)) continue;
     set.layers.push_back(SnapshotOf(id, layer));
   }
   return set;
@@ -327,14 +366,26 @@ bool FleetFollower::IsWhole() const {
   });
 }
 
-bool FleetFollower::HasStalled(Clock::time_point now, Clock::time_point compared_at) const {
-  constexpr std::chrono::seconds kPatience(3);
-  if (options_.parts) return false;
-  return std::any_of(layers_.begin(), layers_.end(), [&](const auto& entry) {
-    const auto& [id, layer] = entry;
-    return !layer.matches && now - layer.changed > kPatience &&
-           compared_at - layer.changed < kPatience && IsSelected(id) && !UsesOtherOptions(layer);
-  });
+void FleetFollower::NoteCompared(const std::string& filter) {
+  if (!options_.parts) return;
+  for (const auto& [id, layer] : layers_) {
+    if (IsPlaced(id) && TilesFilter(id) == filter && compared_placed_.insert(id).second) ++version_;
+  }
+}
+
+std::vector<std::string> FleetFollower::DrainStalled(Clock::time_point now) {
+  constexpr std::chrono::seconds kPatience(5);
+  std::vector<std::string> stalled;
+  if (options_.parts) return stalled;
+  for (auto& [id, layer] : layers_) {
+    if (layer.matches || layer.has_stalled || now - layer.changed < kPatience || !IsSelected(id) ||
+        UsesOtherOptions(layer)) {
+      continue;
+    }
+    layer.has_stalled = true;
+    stalled.push_back(TilesFilter(id));
+  }
+  return stalled;
 }
 
 std::vector<LayerId> FleetFollower::ForgottenSettings() const {

@@ -35,6 +35,7 @@ struct FleetFollowOptions {
 class FleetFollower {
  public:
   static constexpr size_t kMaxLayers = 4096;
+  static constexpr size_t kMaxLayersOfName = 16;  // whoever may write as a robot may make many
   static constexpr size_t kMaxTiles = size_t{1} << 22;  // 8 GiB
 
   explicit FleetFollower(FleetFollowOptions options) : options_(std::move(options)) {}
@@ -55,6 +56,8 @@ class FleetFollower {
   std::vector<std::string> HandleList(const std::string& filter,
                                       const std::vector<FleetEntry>& entries,
                                       Clock::time_point now);
+  // Whether a key of those was handled since.
+  bool Has(const std::string& key) const;
   // A key that has no entry any more.
   void HandleGone(const std::string& key, Clock::time_point now);
 
@@ -70,9 +73,11 @@ class FleetFollower {
   std::vector<FollowedLayer> FollowedLayers(Clock::time_point now) const;
   // Whether every layer is what its digest says. Of parts alone nobody can tell: always.
   bool IsWhole() const;
-  // Whether a layer is not what its digest says, nothing of it has come for some seconds, and it
-  // was not compared since: what it lacks is not on its way.
-  bool HasStalled(Clock::time_point now, Clock::time_point compared_at) const;
+  // A filter was compared, and everything that it has was taken.
+  void NoteCompared(const std::string& filter);
+  // Filters of the tiles of layers that are not what their digests say, and of which nothing has
+  // come for some seconds: what they lack is not on its way. Each once, until something comes.
+  std::vector<std::string> DrainStalled(Clock::time_point now);
   // Layers that are not followed, and why; values that cannot be, the newest of each layer.
   std::vector<std::string> Refused() const;
   int64_t malformed() const { return malformed_; }
@@ -93,7 +98,9 @@ class FleetFollower {
     std::optional<LayerSnapshot> whole;
     uint64_t version = 0;
     bool matches = false;
+    std::set<TileKey> gone;  // of `tiles`, which only grow, until the next snapshot
     Clock::time_point changed;
+    bool has_stalled = false;
     std::string problem;
   };
 
@@ -118,6 +125,7 @@ class FleetFollower {
   std::map<std::string, Known> known_;  // what was taken, by key
   std::map<LayerId, Followed> layers_;
   SettingsTable settings_;
+  std::set<LayerId> compared_placed_;  // of parts: placed layers that are here as a whole
   size_t tiles_ = 0;
   uint64_t version_ = 0;
   int64_t malformed_ = 0;

@@ -74,6 +74,9 @@ std::string BlockKeyOf(const LayerId& id, BlockKey block) {
                      block.y);
 }
 
+std::string DigestFilter(const std::string& name) {
+  return "layers." + TokenOf(name) + ".*.digest";
+}
 std::string LayerFilter(const LayerId& id) { return "layers." + LayerToken(id) + ".>"; }
 std::string TilesFilter(const LayerId& id) { return "layers." + LayerToken(id) + ".tiles.>"; }
 std::string PartFilter(int part) { return fmt::format("layers.*.*.tiles.{:02}.>", part); }

@@ -52,6 +52,7 @@ std::string DigestKey(const LayerId& id);
 std::string BlockKeyOf(const LayerId& id, BlockKey block);
 // All keys of a layer, those of its tiles, and those of the tiles of a part in all layers.
 std::string LayerFilter(const LayerId& id);
+std::string DigestFilter(const std::string& name);  // of a robot's layers
 std::string TilesFilter(const LayerId& id);
 std::string PartFilter(int part);
 

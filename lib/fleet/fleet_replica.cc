@@ -17,8 +17,10 @@ constexpr std::chrono::seconds kCompareInterval(60);
 // to nobody.
 constexpr milliseconds kSpread(2000);
 constexpr milliseconds kRetry(1000);
-constexpr milliseconds kPublishInterval(50);
-constexpr milliseconds kLongestWait(100);
+constexpr milliseconds kGatherInterval(30);
+constexpr milliseconds kLookInterval(1000);
+// Of single entries.
+constexpr size_t kMaxFetches = 64;
 // Changes that wait to be handled; beyond, everything is compared instead.
 constexpr size_t kMaxInboxBytes = size_t{64} << 20;
 
@@ -125,42 +127,52 @@ void FleetReplica::Run(const std::stop_token& stop) {
   bool is_due = true;
   uint64_t connections = 0;
   Clock::time_point compared_at;
-  Clock::time_point published_at;
+  Clock::time_point looked_at;
   Clock::time_point next_compare;
   while (!stop.stop_requested()) {
-    is_due |= connections != store_.connections() || Clock::now() > next_compare;
-    if (is_due && Clock::now() - compared_at > kRetry) {
-      const size_t subscriptions = subscriptions_.size();
-      const uint64_t before = std::exchange(connections, store_.connections());
-      const absl::Status compared = Compare();
-      compared_at = Clock::now();
+    Clock::time_point now = Clock::now();
+    is_due |= connections != store_.connections() || now > next_compare;
+    if (is_due && now - compared_at > kRetry) {
+      has_new_subscription_ = std::exchange(connections, store_.connections()) != connections;
+      const absl::Status compared = Compare(stop);
+      now = compared_at = Clock::now();
       is_due = !compared.ok();
-      next_compare = compared_at + (before == connections && subscriptions == subscriptions_.size()
-                                        ? Clock::duration(kCompareInterval)
-                                        : Clock::duration(kSpread));
+      next_compare = now + (has_new_subscription_ ? Clock::duration(kSpread) : kCompareInterval);
       MutexLock lock(mutex_);
       problem_ = ErrorText(compared);
       is_compared_ = compared.ok();
     }
     Drain();
-    if (Clock::now() - published_at > kPublishInterval) {
-      Publish();
-      published_at = Clock::now();
-    }
-    {
-      MutexLock lock(mutex_);
-      is_due |= follower_.HasStalled(Clock::now(), compared_at);
-      const std::vector<std::string> filters = follower_.Filters();
-      is_due |= std::any_of(filters.begin(), filters.end(), [&](const std::string& filter) {
-        return !subscriptions_.contains(filter);
-      });
+    Publish();
+    if (now - looked_at > kLookInterval) {
+      looked_at = now;
+      is_due |= HasNewFilter() || !CompareStalled(stop);
     }
     is_due |= WaitForNews(stop);
   }
 }
 
+bool FleetReplica::HasNewFilter() {
+  MutexLock lock(mutex_);
+  const std::vector<std::string> filters = follower_.Filters();
+  return std::any_of(filters.begin(), filters.end(),
+                     [&](const std::string& filter) { return !subscriptions_.contains(filter); });
+}
+
+// False where the engine is not there.
+bool FleetReplica::CompareStalled(const std::stop_token& stop) {
+  std::vector<std::string> stalled;
+  {
+    MutexLock lock(mutex_);
+    if (!is_compared_) return true;
+    stalled = follower_.DrainStalled(Clock::now());
+  }
+  return std::all_of(stalled.begin(), stalled.end(),
+                     [&](const std::string& filter) { return CompareFilter(filter, stop).ok(); });
+}
+
 // Subscribes to what is not subscribed to yet, first, so that nothing falls between.
-absl::Status FleetReplica::Compare() {
+absl::Status FleetReplica::Compare(const std::stop_token& stop) {
   std::set<std::string> compared;
   uint64_t times_set = 0;
   {
@@ -180,15 +192,18 @@ absl::Status FleetReplica::Compare() {
     for (const std::string& filter : filters) {
       if (!compared.insert(filter).second) continue;
       is_over = false;
+      if (stop.stop_requested()) return absl::CancelledError("it ends");
       if (!subscriptions_.contains(filter)) {
+        has_new_subscription_ = true;
         SPLINEMAP_ASSIGN_OR_RETURN(
             subscriptions_[filter],
-            store_.Subscribe(filter, [this](FleetEntry entry) { Inbox(std::move(entry)); }));
+            store_.Subscribe(filter, [this](FleetEntry entry) { Receive(std::move(entry)); }));
       }
-      if (absl::Status status = CompareFilter(filter); !status.ok()) {
+      if (absl::Status status = CompareFilter(filter, stop); !status.ok()) {
         subscriptions_.erase(filter);
         return status;
       }
+      Drain();
     }
   }
   MutexLock lock(mutex_);
@@ -196,44 +211,54 @@ absl::Status FleetReplica::Compare() {
   return absl::OkStatus();
 }
 
-absl::Status FleetReplica::CompareFilter(const std::string& filter) {
+absl::Status FleetReplica::CompareFilter(const std::string& filter, const std::stop_token& stop) {
+  const auto list_values = [&] {
+    return store_.List(filter, true, [&](const FleetEntry& entry) { Handle(entry); });
+  };
   bool is_known = false;
   {
     MutexLock lock(mutex_);
     is_known = follower_.Knows(filter);
   }
-  if (!is_known) {
-    // Values are handled as they come.
-    SPLINEMAP_RETURN_IF_ERROR(store_.List(filter, true, [&](const FleetEntry& entry) {
-      MutexLock lock(mutex_);
-      bytes_received_ += static_cast<int64_t>(entry.value.size());
-      follower_.Handle(entry, Clock::now());
-    }));
-    return absl::OkStatus();
-  }
-  std::vector<FleetEntry> entries;
-  SPLINEMAP_RETURN_IF_ERROR(
-      store_.List(filter, false, [&](FleetEntry entry) { entries.push_back(std::move(entry)); }));
   std::vector<std::string> wanted;
-  {
+  if (is_known) {
+    std::vector<FleetEntry> entries;
+    SPLINEMAP_RETURN_IF_ERROR(
+        store_.List(filter, false, [&](FleetEntry entry) { entries.push_back(std::move(entry)); }));
     MutexLock lock(mutex_);
     wanted = follower_.HandleList(filter, entries, Clock::now());
   }
+  // One by one they would take as many round trips.
+  if (!is_known || wanted.size() > kMaxFetches) {
+    SPLINEMAP_RETURN_IF_ERROR(list_values());
+  }
   for (const std::string& key : wanted) {
+    if (stop.stop_requested()) return absl::CancelledError("it ends");
+    {
+      MutexLock lock(mutex_);
+      if (follower_.Has(key)) continue;
+    }
     const absl::StatusOr<FleetEntry> entry = store_.Get(key);
     if (!entry.ok() && !absl::IsOutOfRange(entry.status())) return entry.status();
-    MutexLock lock(mutex_);
     if (entry.ok()) {
-      bytes_received_ += static_cast<int64_t>(entry->value.size());
-      follower_.Handle(*entry, Clock::now());
+      Handle(*entry);
     } else {
+      MutexLock lock(mutex_);
       follower_.HandleGone(key, Clock::now());
     }
   }
+  MutexLock lock(mutex_);
+  follower_.NoteCompared(filter);
   return absl::OkStatus();
 }
 
-void FleetReplica::Inbox(FleetEntry entry) {
+void FleetReplica::Handle(const FleetEntry& entry) {
+  MutexLock lock(mutex_);
+  bytes_received_ += static_cast<int64_t>(entry.value.size());
+  follower_.Handle(entry, Clock::now());
+}
+
+void FleetReplica::Receive(FleetEntry entry) {
   MutexLock lock(inbox_mutex_);
   if (inbox_bytes_ > kMaxInboxBytes) {
     compares_again_ = true;
@@ -244,10 +269,11 @@ void FleetReplica::Inbox(FleetEntry entry) {
   news_.notify_all();
 }
 
-// Whether everything is to be compared.
+// Whether everything is to be compared. News that come together are taken together.
 bool FleetReplica::WaitForNews(const std::stop_token& stop) {
   std::unique_lock lock(inbox_mutex_);
-  news_.wait_for(lock, stop, kLongestWait, [this] { return !inbox_.empty() || compares_again_; });
+  news_.wait_for(lock, stop, kLookInterval, [this] { return !inbox_.empty() || compares_again_; });
+  news_.wait_for(lock, stop, kGatherInterval, [] { return false; });
   return std::exchange(compares_again_, false);
 }
 

@@ -64,9 +64,12 @@ class FleetReplica : public QueryableMap {
 
  private:
   void Run(const std::stop_token& stop);
-  absl::Status Compare();
-  absl::Status CompareFilter(const std::string& filter);
-  void Inbox(FleetEntry entry);
+  absl::Status Compare(const std::stop_token& stop);
+  absl::Status CompareFilter(const std::string& filter, const std::stop_token& stop);
+  void Receive(FleetEntry entry);
+  bool HasNewFilter();
+  bool CompareStalled(const std::stop_token& stop);
+  void Handle(const FleetEntry& entry);
   bool WaitForNews(const std::stop_token& stop);
   void Drain();
   void Publish();
@@ -93,7 +96,8 @@ class FleetReplica : public QueryableMap {
   bool compares_again_ ABSL_GUARDED_BY(inbox_mutex_) = false;
 
   std::map<std::string, std::unique_ptr<FleetSubscription>> subscriptions_;  // of the thread
-  uint64_t published_version_ = 0;                                           // the same
+  bool has_new_subscription_ = false;  // the same: not all servers may know of it
+  uint64_t published_version_ = 0;     // the same
   std::jthread following_;
 };
 

@@ -46,6 +46,7 @@ std::string EncodeDigest(const LayerDigest& digest) {
   record.set_ty0(digest.box.ty0);
   record.set_tx1(digest.box.tx1);
   record.set_ty1(digest.box.ty1);
+  record.set_is_arriving(digest.is_arriving);
   return record.SerializeAsString();
 }
 
@@ -62,7 +63,8 @@ absl::StatusOr<LayerDigest> DecodeDigest(const std::string& value, const LayerId
                      record.hash(),
                      record.utime(),
                      {},
-                     {record.tx0(), record.ty0(), record.tx1(), record.ty1()}};
+                     {record.tx0(), record.ty0(), record.tx1(), record.ty1()},
+                     record.is_arriving()};
   SPLINEMAP_RETURN_IF_ERROR(CheckSessionId(digest.session));
   SPLINEMAP_RETURN_IF_ERROR(CheckRevision(digest.revision));
   SPLINEMAP_ASSIGN_OR_RETURN(digest.options, OptionsOf(record.map()));

@@ -19,7 +19,8 @@ struct LayerDigest {
   uint64_t hash = 0;  // the sum of the checksums of tiles
   int64_t utime = 0;  // clock of the robot
   MapOptions options;
-  TileBox box;  // around the tiles
+  TileBox box;               // around the tiles
+  bool is_arriving = false;  // the first one, without tiles, while they are on their way
 };
 
 // A DigestRecord.

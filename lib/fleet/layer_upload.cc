@@ -47,7 +47,8 @@ absl::Status LayerUpload::Bring(const LayerSnapshot& layer, Pace pace) {
   }
   if (digest_revision_ == 0) {
     // So that a layer that takes long to arrive is shown meanwhile.
-    SPLINEMAP_RETURN_IF_ERROR(WriteDigest({id_, layer.session, 0, 0, 0, 0, options_, {}}));
+    SPLINEMAP_RETURN_IF_ERROR(
+        WriteDigest({id_, layer.session, 0, 0, 0, 0, options_, {}, /*is_arriving=*/true}));
   }
   SPLINEMAP_RETURN_IF_ERROR(WriteBlocks(layer, pace));
   return WriteDigest(DigestOf(layer));
@@ -194,7 +195,7 @@ absl::Status LayerUpload::WriteBlocks(const LayerSnapshot& layer, Pace pace) {
 }
 
 LayerDigest LayerUpload::DigestOf(const LayerSnapshot& layer) const {
-  LayerDigest digest{id_, layer.session, layer.revision, 0, 0, 0, options_, {}};
+  LayerDigest digest{id_, layer.session, layer.revision, 0, 0, 0, options_, {}, false};
   for (const auto& [key, sum] : sums_) {
     digest.tiles += sum.tiles;
     digest.hash += sum.hash;
