@@ -3,10 +3,8 @@
 #include <xxhash.h>
 
 #include <algorithm>
-#include <array>
 #include <cstdio>
 #include <memory>
-#include <set>
 #include <vector>
 
 #include "lib/base/file.h"
@@ -18,7 +16,7 @@ namespace splinemap {
 namespace {
 
 constexpr size_t kChunkBytes = size_t{128} << 10;
-constexpr int kMaxChunks = 65'536;
+constexpr size_t kMaxChunks = 45'000;
 
 std::string HashOfChunk(const std::string& chunk) {
   XXH128_canonical_t canonical;
@@ -26,34 +24,17 @@ std::string HashOfChunk(const std::string& chunk) {
   return {reinterpret_cast<const char*>(canonical.digest), sizeof canonical.digest};
 }
 
-std::string ChunkPrefix(const LayerId& id) {
-  return fmt::format("layers.{}.{:016x}.chunk.", TokenOf(id.name), id.origin);
+std::string KeyPrefix(const LayerId& id) {
+  const std::string filter = LayerFilter(id);
+  return filter.substr(0, filter.size() - 1);
 }
 
-std::string ChunkKey(const LayerId& id, const std::string& hash) {
-  std::string key = ChunkPrefix(id);
-  for (const char byte : hash) key += fmt::format("{:02x}", static_cast<unsigned char>(byte));
-  return key;
+std::string ChunkKey(const LayerId& id, size_t number, char slot) {
+  return fmt::format("{}chunk.{}.{}", KeyPrefix(id), number, static_cast<int>(slot));
 }
 
 uint64_t HashOfValue(const std::string& value) {
   return std::max<uint64_t>(XXH3_64bits(value.data(), value.size()), 1);
-}
-
-// Calls `handle` for each chunk.
-absl::Status ReadChunks(const std::string& path,
-                        absl::FunctionRef<absl::Status(const std::string& chunk)> handle) {
-  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rbe"),
-                                                             std::fclose);
-  if (!file) return NotFound("{} cannot be read", path);
-  std::string chunk(kChunkBytes, '\0');
-  while (true) {
-    chunk.resize(kChunkBytes);
-    chunk.resize(std::fread(chunk.data(), 1, kChunkBytes, file.get()));
-    if (std::ferror(file.get()) != 0) return Unavailable("{} cannot be read", path);
-    if (chunk.empty()) return absl::OkStatus();
-    SPLINEMAP_RETURN_IF_ERROR(handle(chunk));
-  }
 }
 
 absl::StatusOr<fleet::FileRecord> ReadRecord(FleetStore& files, const LayerId& id) {
@@ -65,7 +46,8 @@ absl::StatusOr<fleet::FileRecord> ReadRecord(FleetStore& files, const LayerId& i
   const bool is_record = record.ParseFromString(entry.value) &&
                          HashOfValue(entry.value) == entry.hash &&
                          record.layer().name() == id.name && record.layer().origin() == id.origin;
-  if (!is_record || record.chunk_size() > kMaxChunks) {
+  if (!is_record || static_cast<size_t>(record.chunk_size()) > kMaxChunks ||
+      record.slots().size() != static_cast<size_t>(record.chunk_size())) {
     return DataLoss("the record of the map file of {} is damaged", id.name);
   }
   return record;
@@ -73,54 +55,79 @@ absl::StatusOr<fleet::FileRecord> ReadRecord(FleetStore& files, const LayerId& i
 
 }  // namespace
 
-std::string FileKey(const LayerId& id) {
-  return fmt::format("layers.{}.{:016x}.file", TokenOf(id.name), id.origin);
-}
+std::string FileKey(const LayerId& id) { return KeyPrefix(id) + "file"; }
 
-absl::Status FleetFileUpload::Bring(const std::string& path, int64_t utime, FilePace pace) {
-  if (!there_) SPLINEMAP_RETURN_IF_ERROR(List());
-  absl::Status status = BringChunks(path, utime, pace);
-  // Nobody knows what became of a write that failed; and what is there may be forgotten.
-  if (!absl::IsCancelled(status)) there_.reset();
-  return status;
-}
+FleetFileUpload::FleetFileUpload(FleetStore& files, LayerId id, std::string path, int64_t utime)
+    : files_(files), id_(std::move(id)), path_(std::move(path)), utime_(utime) {}
 
-absl::Status FleetFileUpload::List() {
-  std::set<std::string> there;
+absl::Status FleetFileUpload::Begin() {
+  there_.clear();
   SPLINEMAP_RETURN_IF_ERROR(
-      files_.List(ChunkPrefix(id_) + ">", /*with_values=*/false, [&](const FleetEntry& entry) {
-        if (entry.hash != 0) there.insert(entry.key);
-      }));
-  there_ = std::move(there);
+      files_.List(KeyPrefix(id_) + "chunk.>", /*with_values=*/false,
+                  [&](const FleetEntry& entry) { there_[entry.key] = entry.hash; }));
+  const absl::StatusOr<fleet::FileRecord> record = ReadRecord(files_, id_);
+  // One that is damaged is replaced.
+  if (absl::IsUnavailable(record.status())) return record.status();
+  slots_there_ = record.ok() ? record->slots() : "";
+  has_begun_ = true;
   return absl::OkStatus();
 }
 
-absl::Status FleetFileUpload::BringChunks(const std::string& path, int64_t utime, FilePace pace) {
+absl::Status FleetFileUpload::Bring(Pace pace) {
+  if (!has_begun_) SPLINEMAP_RETURN_IF_ERROR(Begin());
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path_.c_str(), "rbe"),
+                                                             std::fclose);
+  if (!file || std::fseek(file.get(), static_cast<long>(bytes_), SEEK_SET) != 0) {
+    return NotFound("{} cannot be read", path_);
+  }
+  std::string chunk;
+  while (true) {
+    chunk.resize(kChunkBytes);
+    chunk.resize(std::fread(chunk.data(), 1, kChunkBytes, file.get()));
+    if (std::ferror(file.get()) != 0) return NotFound("{} cannot be read", path_);
+    if (chunk.empty()) break;
+    SPLINEMAP_RETURN_IF_ERROR(BringChunk(chunk, pace));
+  }
   fleet::FileRecord record;
   record.mutable_layer()->set_name(id_.name);
   record.mutable_layer()->set_origin(id_.origin);
-  record.set_utime(utime);
-  const absl::Status brought = ReadChunks(path, [&](const std::string& chunk) -> absl::Status {
-    if (record.chunk_size() >= kMaxChunks) {
-      return InvalidArgument("{} is larger than {} MB", path, kMaxChunks * kChunkBytes >> 20);
-    }
-    const std::string hash = HashOfChunk(chunk);
-    record.add_chunk(hash);
-    record.set_bytes(record.bytes() + chunk.size());
-    const std::string key = ChunkKey(id_, hash);
-    if (there_->contains(key)) return absl::OkStatus();
-    if (!pace(static_cast<int64_t>(chunk.size()))) return absl::CancelledError("it was ended");
-    SPLINEMAP_RETURN_IF_ERROR(files_.Put({{key, chunk, HashOfValue(chunk)}}));
-    there_->insert(key);
-    return absl::OkStatus();
-  });
-  SPLINEMAP_RETURN_IF_ERROR(brought);
+  record.set_utime(utime_);
+  record.set_bytes(bytes_);
+  for (const std::string& hash : chunks_) record.add_chunk(hash);
+  record.set_slots(slots_);
   const std::string value = record.SerializeAsString();
   SPLINEMAP_RETURN_IF_ERROR(files_.Put({{FileKey(id_), value, HashOfValue(value)}}));
-  for (const std::string& hash : record.chunk()) there_->erase(ChunkKey(id_, hash));
-  std::vector<FleetEntry> unused;
-  for (const std::string& key : *there_) unused.push_back({key, "", 0});
-  return files_.Put(unused);
+  // Of a longer file before.
+  for (size_t number = chunks_.size(); number < slots_there_.size(); ++number) {
+    for (const char slot : {'\0', '\1'}) {
+      const std::string key = ChunkKey(id_, number, slot);
+      if (there_.contains(key)) SPLINEMAP_RETURN_IF_ERROR(files_.Put({{key, "", 0}}));
+    }
+  }
+  return absl::OkStatus();
+}
+
+absl::Status FleetFileUpload::BringChunk(const std::string& chunk, Pace pace) {
+  const size_t number = chunks_.size();
+  if (number >= kMaxChunks) {
+    return InvalidArgument("{} is larger than {} MB", path_, kMaxChunks * kChunkBytes >> 20);
+  }
+  const uint64_t hash = HashOfValue(chunk);
+  const char present = number < slots_there_.size() && slots_there_[number] == 0 ? 0 : 1;
+  const auto has = [&](char slot) {
+    const auto there = there_.find(ChunkKey(id_, number, slot));
+    return there != there_.end() && there->second == hash;
+  };
+  const char slot = has(present) ? present : static_cast<char>(1 - present);
+  const int64_t bytes = has(slot) ? 0 : static_cast<int64_t>(chunk.size());
+  if (!pace(bytes)) return absl::CancelledError("it was ended");
+  if (bytes > 0) {
+    SPLINEMAP_RETURN_IF_ERROR(files_.Put({{ChunkKey(id_, number, slot), chunk, hash}}));
+  }
+  chunks_.push_back(HashOfChunk(chunk));
+  slots_ += slot;
+  bytes_ += chunk.size();
+  return absl::OkStatus();
 }
 
 absl::StatusOr<FleetFile> FindFleetFile(FleetStore& files, const LayerId& id) {
@@ -131,10 +138,12 @@ absl::StatusOr<FleetFile> FindFleetFile(FleetStore& files, const LayerId& id) {
 absl::Status GetFleetFile(FleetStore& files, const LayerId& id, const std::string& path) {
   SPLINEMAP_ASSIGN_OR_RETURN(const fleet::FileRecord record, ReadRecord(files, id));
   SPLINEMAP_ASSIGN_OR_RETURN(NewFile file, NewFile::Create(path));
-  for (const std::string& hash : record.chunk()) {
-    const absl::StatusOr<FleetEntry> entry = files.Get(ChunkKey(id, hash));
+  for (int k = 0; k < record.chunk_size(); ++k) {
+    const size_t number = static_cast<size_t>(k);
+    const absl::StatusOr<FleetEntry> entry =
+        files.Get(ChunkKey(id, number, record.slots()[number]));
     if (!entry.ok() && !absl::IsOutOfRange(entry.status())) return entry.status();
-    if (!entry.ok() || HashOfChunk(entry->value) != hash) {
+    if (!entry.ok() || HashOfChunk(entry->value) != record.chunk(k)) {
       return DataLoss("a part of the map file of {} is damaged or gone; the robot brings it again",
                       id.name);
     }

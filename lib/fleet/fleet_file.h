@@ -1,10 +1,9 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
-#include <set>
+#include <map>
 #include <string>
-#include <utility>
+#include <vector>
 
 #include "absl/functional/function_ref.h"
 #include "absl/status/status.h"
@@ -16,35 +15,42 @@ namespace splinemap {
 
 // Copies of robots' map files, in a bucket of their own. They have the scans that layers are made
 // of, so that the maps of robots that are away can be corrected, aligned and thinned. A file lies
-// there in chunks that are called by their content: of a later copy, those that changed are sent,
-// and a reader has one copy or the other, never a mixture.
+// there in chunks, each of which has two keys: a chunk that changed goes to the one that the
+// present record does not name. So a reader has one copy or the other, never a mixture, and what
+// did not change is not sent again.
 
 // Keys of the bucket.
 //   layers.NAME.ORIGIN.file                     FileRecord
-//   layers.NAME.ORIGIN.chunk.HASH               128 KiB
+//   layers.NAME.ORIGIN.chunk.NUMBER.SLOT        128 KiB
 std::string FileKey(const LayerId& id);
 
-// Waits until so many bytes may be sent; false where the upload is to end.
-using FilePace = absl::FunctionRef<bool(int64_t bytes)>;
-
-// Thread-compatible.
+// Brings one copy. Thread-compatible.
 class FleetFileUpload {
  public:
-  // `files` outlives it.
-  FleetFileUpload(FleetStore& files, LayerId id) : files_(files), id_(std::move(id)) {}
+  // Waits until so many bytes may be sent; false where the upload is to end.
+  using Pace = absl::FunctionRef<bool(int64_t bytes)>;
 
-  // Brings the file at `path`, which nobody may change meanwhile. What is there already is not sent
-  // again, also of an upload that was ended (Cancelled). InvalidArgument for a file of more than
-  // 8 GiB.
-  absl::Status Bring(const std::string& path, int64_t utime, FilePace pace);
+  // Of the file at `path`, which nobody may change meanwhile. `files` outlives it.
+  FleetFileUpload(FleetStore& files, LayerId id, std::string path, int64_t utime);
+
+  // Goes on where it was. OK when the copy is whole there; after Cancelled, by `pace`, and
+  // Unavailable call it again. InvalidArgument for a file of more than 5.8 GB.
+  absl::Status Bring(Pace pace);
 
  private:
-  absl::Status List();
-  absl::Status BringChunks(const std::string& path, int64_t utime, FilePace pace);
+  absl::Status Begin();
+  absl::Status BringChunk(const std::string& chunk, Pace pace);
 
   FleetStore& files_;
   const LayerId id_;
-  std::optional<std::set<std::string>> there_;  // keys of chunks; nothing where that is not known
+  const std::string path_;
+  const int64_t utime_;
+  bool has_begun_ = false;
+  std::map<std::string, uint64_t> there_;  // hashes of the entries of chunks
+  std::string slots_there_;                // of the record that is there
+  std::vector<std::string> chunks_;        // hashes of those that were brought
+  std::string slots_;                      // the same
+  uint64_t bytes_ = 0;                     // the same
 };
 
 struct FleetFile {

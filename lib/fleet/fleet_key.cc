@@ -114,9 +114,7 @@ FleetKey ParseFleetKey(std::string_view key) {
     if (!x || !y) return {};
     parsed.kind = Kind::kBlock;
     parsed.block = {*x, *y};
-    constexpr int32_t kMax = 1 << 28;
-    if (*x > kMax || *x < -kMax || *y > kMax || *y < -kMax ||
-        BlockKeyOf(parsed.layer, parsed.block) != key) {
+    if (!parsed.block.IsInRange() || BlockKeyOf(parsed.layer, parsed.block) != key) {
       return {};
     }
   }

@@ -25,6 +25,11 @@ struct BlockKey {
   // Of x + 4 y.
   TileKey Tile(int child) const { return {4 * x + (child & 3), 4 * y + (child >> 2)}; }
   static int ChildOf(TileKey key) { return (key.tx & 3) + 4 * (key.ty & 3); }
+  // Whether its tiles have keys that trees take, or nearly.
+  bool IsInRange() const {
+    constexpr int32_t kMax = kMaxKnotIndex >> 7;
+    return x >= -kMax - 1 && x <= kMax && y >= -kMax - 1 && y <= kMax;
+  }
   TileBox Tiles() const { return {4 * x, 4 * y, 4 * x + kSide, 4 * y + kSide}; }
 };
 

@@ -24,6 +24,7 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kTimeout(5000);
+constexpr milliseconds kStraggle(500);
 constexpr const char* kHashHeader = "Splinemap-Hash";
 const std::string kInboxes = "_INBOX.";  // what replies go to
 // What waits for a handler in this process, before changes are dropped and counted.
@@ -183,10 +184,19 @@ class NatsAcknowledgements {
   std::string text_ ABSL_GUARDED_BY(mutex_);
 };
 
+// Outlives the store once it was connected, since threads of the library may call a last time after
+// all was closed. A program has a few.
 struct NatsFleetStore::State {
-  ~State() {
-    context.reset();
+  void Close() {
     if (connection) natsConnection_Close(connection.get());
+    context.reset();
+    connection.reset();
+  }
+  static void Keep(std::shared_ptr<State> state) {
+    static Mutex kept_mutex;
+    static auto& kept = *new std::vector<std::shared_ptr<State>>();
+    MutexLock lock(kept_mutex);
+    kept.push_back(std::move(state));
   }
 
   void NoteError(const std::string& text) {
@@ -194,10 +204,11 @@ struct NatsFleetStore::State {
     last_error = text;
     last_error_time = Clock::now();
   }
-  // An error that the server sent beside what was asked, a moment ago.
+  // An error that the server sent while something waited for it.
   std::string RecentError() {
+    constexpr milliseconds kSlack(200);
     MutexLock lock(mutex);
-    return Clock::now() - last_error_time < 2 * kTimeout ? last_error : "";
+    return Clock::now() - last_error_time < kTimeout + kSlack ? last_error : "";
   }
 
   NatsHandle<natsConnection> connection;
@@ -211,9 +222,9 @@ struct NatsFleetStore::State {
 };
 
 NatsFleetStore::NatsFleetStore(FleetAddress address)
-    : address_(std::move(address)), state_(std::make_unique<State>()) {}
+    : address_(std::move(address)), state_(std::make_shared<State>()) {}
 
-NatsFleetStore::~NatsFleetStore() = default;
+NatsFleetStore::~NatsFleetStore() { state_->Close(); }
 
 uint64_t NatsFleetStore::connections() const { return state_->connections; }
 
@@ -309,6 +320,7 @@ absl::StatusOr<std::unique_ptr<NatsFleetStore>> NatsFleetStore::Connect(
     return Unavailable("JetStream cannot be used");
   }
   state->context.reset(context);
+  State::Keep(store->state_);
   state->connections = 1;
   return store;
 }
@@ -500,16 +512,23 @@ absl::Status NatsFleetStore::List(const std::string& filter, bool with_values,
   jsConsumerInfo* info = nullptr;
   status = natsSubscription_GetConsumerInfo(&info, made, nullptr, &error);
   if (status != NATS_OK) return StatusOf(status, what);
-  const bool is_empty = info->NumPending == 0 && info->Delivered.Consumer == 0;
+  uint64_t left = info->NumPending + info->Delivered.Consumer;
   jsConsumerInfo_Destroy(info);
-  for (bool is_over = is_empty; !is_over;) {
+  for (bool is_over = left == 0, has_ended = false; !is_over;) {
     natsMsg* raw = nullptr;
-    status = natsSubscription_NextMsg(&raw, made, kTimeout.count());
-    if (status != NATS_OK) break;
+    status = natsSubscription_NextMsg(&raw, made, (has_ended ? kStraggle : kTimeout).count());
+    if (has_ended && status == NATS_TIMEOUT) {
+      status = NATS_OK;
+      is_over = true;
+    }
+    if (status != NATS_OK || is_over) break;
     const NatsHandle<natsMsg> message(raw);
     jsMsgMetaData* meta = nullptr;
     if (natsMsg_GetMetaData(&meta, raw) != NATS_OK) continue;
-    is_over = meta->NumPending == 0;
+    // Servers may say so before all has come that they had at the beginning.
+    has_ended = meta->NumPending == 0;
+    left -= left > 0 ? 1 : 0;
+    is_over = has_ended && left == 0;
     const uint64_t sequence = meta->Sequence.Stream;
     jsMsgMetaData_Destroy(meta);
     const std::string subject = natsMsg_GetSubject(raw);
@@ -587,6 +606,10 @@ absl::StatusOr<std::unique_ptr<FleetSubscription>> NatsFleetStore::Listen(
   const natsStatus status = subscription->Begin(state_->connection.get(), subject, "");
   if (status != NATS_OK) return StatusOf(status, "to listen to " + subject);
   return subscription;
+}
+
+bool NatsFleetStore::IsClosed() const {
+  return natsConnection_Status(state_->connection.get()) == NATS_CONN_STATUS_CLOSED;
 }
 
 std::string NatsFleetStore::Problem() const {

@@ -51,6 +51,9 @@ class NatsFleetStore : public FleetStore {
   absl::StatusOr<std::unique_ptr<FleetSubscription>> Listen(
       const std::string& subject, std::function<void(const std::string& message)> handler);
 
+  // Whether servers have refused it twice, for instance since its credentials were removed: then
+  // the library does not connect again.
+  bool IsClosed() const;
   // Why it does not work at the moment; empty while it does.
   std::string Problem() const;
   const FleetAddress& address() const { return address_; }
@@ -64,7 +67,7 @@ class NatsFleetStore : public FleetStore {
   std::string SubjectOf(const std::string& key) const;
 
   const FleetAddress address_;
-  const std::unique_ptr<State> state_;
+  const std::shared_ptr<State> state_;
 };
 
 }  // namespace splinemap

@@ -16,7 +16,7 @@ std::optional<BlockKey> ParseSumKey(std::string_view key) {
   const std::vector<std::string> tokens = absl::StrSplit(std::string(key), '.');
   BlockKey block;
   if (tokens.size() != 4 || !absl::SimpleAtoi(tokens[2], &block.x) ||
-      !absl::SimpleAtoi(tokens[3], &block.y) || SumKey(block) != key) {
+      !absl::SimpleAtoi(tokens[3], &block.y) || !block.IsInRange() || SumKey(block) != key) {
     return std::nullopt;
   }
   return block;

@@ -37,8 +37,10 @@ absl::Status SumUpload::Bring(const MapView& map, const PartSet& parts) {
                                 if (HasPart(compared_, block)) dirty_.insert(block);
                               });
   tiles_ = map.tiles;
-  SPLINEMAP_RETURN_IF_ERROR(Compare(parts & ~compared_));
-  return WriteBlocks();
+  absl::Status status = Compare(parts & ~compared_);
+  if (status.ok()) status = WriteBlocks();
+  if (!status.ok()) compared_.reset();  // nobody knows what was written
+  return status;
 }
 
 absl::Status SumUpload::Compare(const PartSet& parts) {
@@ -77,10 +79,7 @@ absl::Status SumUpload::WriteBlocks() {
       }
       dirty_.erase(dirty_.begin());
     }
-    if (absl::Status status = store_.Put(batch); !status.ok()) {
-      compared_.reset();  // nobody knows which were written
-      return status;
-    }
+    SPLINEMAP_RETURN_IF_ERROR(store_.Put(batch));
     for (size_t k = 0; k < batch.size(); ++k) {
       if (batch[k].value.empty()) {
         in_store_.erase(written[k]);

@@ -100,6 +100,8 @@ LayerFollower::LayerFollower(const LayerSnapshot& kept, uint64_t seed, Clock::ti
 
 bool LayerFollower::Adopt(const LayerSnapshot& layer, Clock::time_point now) {
   if (session_ && (layer.session < *session_ || !OwnerIsSilent(now))) return false;
+  if (layer.tiles.size() > max_tiles_) return false;
+  NoteSilence(now);
   if (session_ != layer.session) {
     ForgetPreviousSession();
     BeginTree(layer.session);
@@ -789,10 +791,7 @@ LayerFollower::Pulls LayerFollower::Tick(Clock::time_point now) {
   Pulls pulls;
   CheckSession(now);
   if (!session_) return pulls;
-  if (!std::exchange(owner_is_silent_, OwnerIsSilent(now)) && owner_is_silent_) {
-    DropWhatCameLast();
-    intake_.ForgetGap();  // proxies are asked anew
-  }
+  NoteSilence(now);
   if (!caught_up_ || check_) UpdateSync(now);
   FoldWhatIsThere(now);
   if (now >= next_ask_) {
@@ -811,6 +810,12 @@ LayerFollower::Pulls LayerFollower::Tick(Clock::time_point now) {
     ++counts_.asked_scans;
   }
   return pulls;
+}
+
+void LayerFollower::NoteSilence(Clock::time_point now) {
+  if (std::exchange(owner_is_silent_, OwnerIsSilent(now)) || !owner_is_silent_) return;
+  DropWhatCameLast();
+  intake_.ForgetGap();  // proxies are asked anew
 }
 
 void LayerFollower::AddPull(std::vector<layer_pull_t>& pulls) const {

@@ -156,6 +156,7 @@ class LayerFollower {
   void FindNewestRevision();
   void HearSession(Clock::time_point now);
   void CheckSession(Clock::time_point now);
+  void NoteSilence(Clock::time_point now);
   void DropWhatCameLast();
   void CompareWith(const layer_digest_t& digest, bool is_owners, Clock::time_point now);
   void Apply(const tile_update_t& message);

@@ -276,6 +276,10 @@ LayerFollower* MapFollower::FindOrAdd(const layer_digest_t& digest, Clock::time_
 
 bool MapFollower::Adopt(const LayerSnapshot& layer, Clock::time_point now) {
   if (!IsFollowed(layer.id) || settings().Of(layer.id).IsRemoved(layer.session)) return false;
+  const std::optional<uint64_t> known = SessionNumberOf(layer.id);
+  if (known && *known > 0 && layer.session.number > *known + LayerSettings::kMaxSessionsAhead) {
+    return false;
+  }
   auto followed = layers_.find(layer.id);
   if (followed == layers_.end()) {
     if (layers_.size() >= kMaxLayers && !MakeRoom(now)) {
@@ -284,8 +288,10 @@ bool MapFollower::Adopt(const LayerSnapshot& layer, Clock::time_point now) {
     }
     if (gossip_.SetHere(layer.id, layer.session.number)) ++version_;
     Add(layer.id, NewCopy(layer.id));
+    refused_.erase(layer.id);
     followed = layers_.find(layer.id);
   }
+  ShareTiles(followed->second.copy);
   return followed->second.copy.Adopt(layer, now);
 }
 

@@ -12,7 +12,9 @@
 #include "lib/base/status.h"
 #include "lib/config/config.h"
 #include "lib/fleet/answer_query.h"
+#include "lib/fleet/fleet_file.h"
 #include "lib/fleet/fleet_map.h"
+#include "lib/fleet/fleet_settings.h"
 #include "lib/fleet/layer_digest.h"
 
 namespace splinemap {
@@ -25,7 +27,8 @@ constexpr milliseconds kTellInterval(1000);
 constexpr milliseconds kListen(1500);
 // So that a block of the sum is written five times a second at most.
 constexpr milliseconds kPublishInterval(200);
-constexpr milliseconds kMakeMapInterval(5000);
+constexpr milliseconds kKeepInterval(5000);
+constexpr milliseconds kLongestPause(16'000);
 // While servers that have just started choose a leader.
 constexpr milliseconds kStartPatience(30'000);
 constexpr int kReplicas = 3;
@@ -67,17 +70,17 @@ absl::Status MakeBucket(const WorkerOptions& options, NatsFleetStore& store) {
   return is_one_server && !options.replicas ? store.MakeBucket(1) : made;
 }
 
-// The bucket and the map's record, where they are not there, or the servers have lost them.
-absl::Status MakeMap(const WorkerOptions& options, NatsFleetStore& store) {
+// The buckets and the map's record, where they are not there, or the servers have lost them: then
+// as they were `known`.
+absl::Status MakeMap(const WorkerOptions& options, NatsFleetStore& store, NatsFleetStore& files,
+                     const std::optional<MapOptions>& known) {
   SPLINEMAP_RETURN_IF_ERROR(MakeBucket(options, store));
-  // Of copies of map files, which workers never read.
-  SPLINEMAP_ASSIGN_OR_RETURN(const auto files, NatsFleetStore::Connect(FilesOf(options.fleet)));
-  SPLINEMAP_RETURN_IF_ERROR(MakeBucket(options, *files));
+  SPLINEMAP_RETURN_IF_ERROR(MakeBucket(options, files));  // of map files, which workers never read
   const absl::StatusOr<FleetEntry> entry = store.Get(kMapKey);
   if (!entry.ok() && !absl::IsOutOfRange(entry.status())) return entry.status();
   config::Method method;
   if (options.knot_interval_m) method.set_knot_interval_m(*options.knot_interval_m);
-  const MapOptions begun = MapOptionsOf(method);
+  const MapOptions begun = known ? *known : MapOptionsOf(method);
   if (entry.ok() && !entry->value.empty()) {
     SPLINEMAP_ASSIGN_OR_RETURN(const MapOptions found, DecodeMapOptions(entry->value));
     if (!options.knot_interval_m || found.knot_interval_m == *options.knot_interval_m) {
@@ -92,31 +95,39 @@ absl::Status MakeMap(const WorkerOptions& options, NatsFleetStore& store) {
   const uint64_t hash = std::max<uint64_t>(XXH3_64bits(value.data(), value.size()), 1);
   const uint64_t expected = entry.ok() ? entry->revision : 0;
   const absl::Status put = store.PutIf({kMapKey, value, hash}, expected).status();
-  return absl::IsAborted(put) ? absl::OkStatus() : put;  // another worker was faster
+  // Where another worker was faster, with another knot interval maybe.
+  return absl::IsAborted(put) ? MakeMap(options, store, files, known) : put;
 }
 
-absl::Status ConnectAndMakeMap(const WorkerOptions& options,
-                               std::unique_ptr<NatsFleetStore>& store) {
-  if (!store) {
-    SPLINEMAP_ASSIGN_OR_RETURN(store, NatsFleetStore::Connect(options.fleet));
+struct Stores {
+  std::unique_ptr<NatsFleetStore> map;
+  std::unique_ptr<NatsFleetStore> files;
+  std::unique_ptr<NatsFleetStore> sum;
+};
+
+absl::Status ConnectAndMakeMap(const WorkerOptions& options, Stores& stores) {
+  for (const auto& [store, address] :
+       {std::pair(&stores.map, options.fleet), std::pair(&stores.files, FilesOf(options.fleet)),
+        std::pair(&stores.sum, AddressOfSum(options.fleet))}) {
+    if (*store) continue;
+    SPLINEMAP_ASSIGN_OR_RETURN(*store, NatsFleetStore::Connect(address));
   }
-  return MakeMap(options, *store);
+  return MakeMap(options, *stores.map, *stores.files, std::nullopt);
 }
 
 }  // namespace
 
 absl::StatusOr<std::unique_ptr<FleetWorker>> FleetWorker::Start(const WorkerOptions& options) {
-  std::unique_ptr<NatsFleetStore> store;
+  Stores stores;
   const Clock::time_point end = Clock::now() + kStartPatience;
-  absl::Status made = ConnectAndMakeMap(options, store);
+  absl::Status made = ConnectAndMakeMap(options, stores);
   while (absl::IsUnavailable(made) && Clock::now() < end) {
     std::this_thread::sleep_for(kTellInterval);
-    made = ConnectAndMakeMap(options, store);
+    made = ConnectAndMakeMap(options, stores);
   }
   SPLINEMAP_RETURN_IF_ERROR(made);
-  SPLINEMAP_ASSIGN_OR_RETURN(auto sum_store, NatsFleetStore::Connect(AddressOfSum(options.fleet)));
-  std::unique_ptr<FleetWorker> worker(
-      new FleetWorker(options, std::move(store), std::move(sum_store)));
+  std::unique_ptr<FleetWorker> worker(new FleetWorker(
+      options, std::move(stores.map), std::move(stores.files), std::move(stores.sum)));
   const auto handler = [self = worker.get()](const std::string& message) {
     const std::optional<WorkerWord> word = DecodeWord(message);
     if (!word) return;
@@ -129,13 +140,15 @@ absl::StatusOr<std::unique_ptr<FleetWorker>> FleetWorker::Start(const WorkerOpti
 }
 
 FleetWorker::FleetWorker(const WorkerOptions& options, std::unique_ptr<NatsFleetStore> store,
+                         std::unique_ptr<NatsFleetStore> files,
                          std::unique_ptr<NatsFleetStore> sum_store)
     : options_(options),
       id_(RandomId()),
       store_(std::move(store)),
+      files_(std::move(files)),
       sum_store_(std::move(sum_store)),
       replica_(*store_, NoPartsYet()),
-      started_(Clock::now()),
+      listening_since_(Clock::now()),
       share_(id_) {
   const unsigned threads = std::max(2u, std::thread::hardware_concurrency());
   for (unsigned k = 0; k < threads; ++k) {
@@ -159,7 +172,13 @@ void FleetWorker::Tick() {
     Tell();
     told_at_ = now;
   }
-  if (now - started_ < kListen) return;
+  // Who hears nobody since the engine is away is not alone.
+  if (const uint64_t connections = store_->connections();
+      connections != connections_ || !store_->Problem().empty()) {
+    connections_ = connections;
+    listening_since_ = now;
+  }
+  if (now - listening_since_ < kListen) return;
   PartSet complete = SetOf(replica_.CompleteParts());
   PartSet followed;
   PartSet served;
@@ -252,29 +271,41 @@ std::string FleetWorker::AnswerTo(const std::string& bytes) {
 
 void FleetWorker::Publish(const std::stop_token& stop) {
   SumUpload upload(*sum_store_);
-  Clock::time_point made_at;
+  Clock::time_point kept_at = Clock::now();
+  Clock::duration pause = kPublishInterval;
   Mutex mutex;
   ConditionVariable never;
   while (!stop.stop_requested()) {
     {
       std::unique_lock lock(mutex);
-      never.wait_for(lock, stop, kPublishInterval, [] { return false; });
+      never.wait_for(lock, stop, pause, [] { return false; });
     }
-    absl::Status status;
-    if (Clock::now() - made_at > kMakeMapInterval) {
-      status = MakeMap(options_, *store_);
-      status.Update(sum_store_->MakeBucket(1));  // what it has is made of the other
-      made_at = Clock::now();
+    if (Clock::now() - kept_at > kKeepInterval) {
+      const absl::Status kept = KeepMap();
+      kept_at = Clock::now();
+      MutexLock lock(mutex_);
+      keep_problem_ = ErrorText(kept);
     }
     PartSet parts;
     {
       MutexLock lock(mutex_);
       parts = published_;
     }
-    status.Update(upload.Bring(*replica_.View(), parts));
+    const absl::Status published = upload.Bring(*replica_.View(), parts);
+    pause = published.ok() ? kPublishInterval : std::min<Clock::duration>(4 * pause, kLongestPause);
     MutexLock lock(mutex_);
-    publish_problem_ = ErrorText(status);
+    publish_problem_ = ErrorText(published);
   }
+}
+
+// What the engine may have forgotten, and no robot can tell it.
+absl::Status FleetWorker::KeepMap() {
+  SPLINEMAP_RETURN_IF_ERROR(MakeMap(options_, *store_, *files_, replica_.map_options()));
+  SPLINEMAP_RETURN_IF_ERROR(sum_store_->MakeBucket(1));  // what it has is made of the other
+  for (const auto& [id, settings] : replica_.ForgottenSettings()) {
+    SPLINEMAP_RETURN_IF_ERROR(KeepSettings(*store_, id, settings));
+  }
+  return absl::OkStatus();
 }
 
 std::string FleetWorker::Description() const {
@@ -288,7 +319,7 @@ std::string FleetWorker::Problem() const {
     if (!problem.empty()) return problem;
   }
   MutexLock lock(mutex_);
-  return publish_problem_;
+  return keep_problem_.empty() ? publish_problem_ : keep_problem_;
 }
 
 }  // namespace splinemap

@@ -44,6 +44,8 @@ class FleetWorker {
   // After ticks: whether it answers for all parts that it owns, and what about, for people.
   bool IsReady() const { return is_ready_; }
   std::string Description() const;
+  // Whether the servers refuse it, so that it is over until it is started again.
+  bool IsOver() const { return store_->IsClosed(); }
   // What does not work at the moment; empty while all does.
   std::string Problem() const;
 
@@ -54,7 +56,7 @@ class FleetWorker {
   };
 
   FleetWorker(const WorkerOptions& options, std::unique_ptr<NatsFleetStore> store,
-              std::unique_ptr<NatsFleetStore> sum_store);
+              std::unique_ptr<NatsFleetStore> files, std::unique_ptr<NatsFleetStore> sum_store);
   void Tell();
   PartSet ServedParts() const;
   void Serve(const PartSet& parts);
@@ -62,15 +64,18 @@ class FleetWorker {
   void AnswerAll(const std::stop_token& stop);
   std::string AnswerTo(const std::string& bytes);
   void Publish(const std::stop_token& stop);
+  absl::Status KeepMap();
 
   const WorkerOptions options_;
   const uint64_t id_;
   const std::unique_ptr<NatsFleetStore> store_;
+  const std::unique_ptr<NatsFleetStore> files_;
   const std::unique_ptr<NatsFleetStore> sum_store_;
   FleetReplica replica_;
 
   // Of the thread that ticks.
-  const Clock::time_point started_;
+  Clock::time_point listening_since_;
+  uint64_t connections_ = 0;  // of the store, then
   Clock::time_point told_at_;
   bool is_ready_ = false;
   PartSet followed_;
@@ -82,6 +87,7 @@ class FleetWorker {
   PartSet served_ ABSL_GUARDED_BY(mutex_);
   uint64_t times_withdrawn_ ABSL_GUARDED_BY(mutex_) = 0;  // parts from served_
   PartSet published_ ABSL_GUARDED_BY(mutex_);
+  std::string keep_problem_ ABSL_GUARDED_BY(mutex_);
   std::string publish_problem_ ABSL_GUARDED_BY(mutex_);
 
   Mutex requests_mutex_;

@@ -10,6 +10,7 @@
 #include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 #include "lib/config/usage_error.h"
+#include "lib/fleet/fleet_flags.h"
 #include "services/fleet_worker/fleet_worker.h"
 
 namespace splinemap {
@@ -33,14 +34,7 @@ signal, 1 failed, 2 usage.)";
 void AddFlags(CLI::App& app, WorkerOptions& options) {
   app.footer(kExamples);
   app.set_version_flag("--version", SPLINEMAP_VERSION);
-  app.add_option("--fleet", options.fleet.servers, "NATS servers of the fleet")
-      ->type_name("URL[,URL]...")
-      ->required();
-  app.add_option("--fleet-map", options.fleet.map, "Map of the fleet (default: map)")
-      ->type_name("NAME");
-  app.add_option("--credentials", options.fleet.credentials,
-                 "Folder with ca.pem, own.pem and own.key")
-      ->type_name("FOLDER");
+  AddFleetFlags(app, options.fleet)->required();
   app.add_option("--replicas", options.replicas,
                  "Servers that keep a map that is made (default: 3, or 1 of 1)")
       ->type_name("N")
@@ -80,6 +74,7 @@ absl::Status Run(const WorkerOptions& options, const sigset_t& signals) {
   std::string problem;
   while (sigtimedwait(&signals, nullptr, &kTick) < 0) {
     worker->Tick();
+    if (worker->IsOver()) return absl::PermissionDeniedError(worker->Problem());
     if (worker->Problem() != problem) {
       problem = worker->Problem();
       Say(problem.empty() ? "all is well again" : problem);
@@ -94,7 +89,6 @@ int Main(int argc, char** argv) {
   CLI::App app("splinemap-fleet-worker: answers queries about the map of a fleet.",
                "splinemap-fleet-worker");
   WorkerOptions options;
-  options.fleet.program = "splinemap-fleet-worker";
   AddFlags(app, options);
   try {
     app.parse(argc, argv);

@@ -20,6 +20,7 @@ constexpr milliseconds kShortestTick(2);
 constexpr milliseconds kDrain(10);
 // For a new state of the own layer; there is one for each digest.
 constexpr milliseconds kLookInterval(100);
+constexpr milliseconds kFleetInterval(1000);
 // A daemon that hears of it so often, for five seconds, begins a later session.
 constexpr milliseconds kTellInterval(1000);
 
@@ -119,6 +120,7 @@ void LocalBus::UseFleet(const LayerSet& fleet) {
   {
     MutexLock lock(mutex_);
     fleet_ = fleet;
+    next_fleet_ = {};
   }
   bus_->Wake();
 }
@@ -168,9 +170,12 @@ std::vector<ReplicationMessage> LocalBus::Tick(Clock::time_point now) {
   std::vector<ReplicationMessage> messages;
   {
     MutexLock lock(mutex_);
-    if (fleet_) UseFleetNow(now);
     budget_.Refill(now, /*has_changes=*/false, follower_.HasPulls());
     messages = follower_.Tick(now, budget_);
+    if (now >= next_fleet_) {
+      next_fleet_ = now + kFleetInterval;
+      TakeFromFleet(now);
+    }
     if (now >= next_look_) {
       next_look_ = now + kLookInterval;
       const uint64_t before = own_ ? own_->tiles.version() : 0;
@@ -193,22 +198,24 @@ std::vector<ReplicationMessage> LocalBus::Tick(Clock::time_point now) {
   return messages;
 }
 
-void LocalBus::UseFleetNow(Clock::time_point now) {
-  const LayerSet fleet = *std::exchange(fleet_, std::nullopt);
-  for (const auto& [id, settings] : fleet.settings.records()) {
+// Layers of robots that are heard here are refused, and taken when these have gone.
+void LocalBus::TakeFromFleet(Clock::time_point now) {
+  for (const auto& [id, settings] : fleet_.settings.records()) {
+    // Of layers that are not here, daemons keep a few.
+    if (id.name != options_.robot && fleet_.Find(id) == nullptr) continue;
     const LayerSettings known = follower_.settings().Of(id);
     const LayerSettings merged = Merge(known, settings);
     if (merged != known) follower_.Set(id, merged);
   }
-  if (fleet.options != map_options_) return;
-  for (const LayerSnapshot& layer : fleet.layers) {
+  if (fleet_.options != map_options_) return;
+  for (const LayerSnapshot& layer : fleet_.layers) {
     if (layer.id.name == options_.robot) continue;
-    LayerSnapshot& adopted = adopted_[layer.id];
-    if (adopted.session == layer.session && adopted.tiles.version() == layer.tiles.version()) {
-      continue;
-    }
-    if (follower_.Adopt(layer, now)) adopted = layer;
+    const State state{layer.session, layer.tiles.version()};
+    const auto adopted = adopted_.find(layer.id);
+    if (adopted != adopted_.end() && adopted->second == state) continue;
+    if (follower_.Adopt(layer, now)) adopted_[layer.id] = state;
   }
+  std::erase_if(adopted_, [&](const auto& entry) { return fleet_.Find(entry.first) == nullptr; });
 }
 
 // Of several layers of the robot, that of the daemon which was heard last.

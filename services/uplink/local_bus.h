@@ -57,7 +57,7 @@ class LocalBus {
 
   void Run(const std::stop_token& stop);
   std::vector<ReplicationMessage> Tick(Clock::time_point now);
-  void UseFleetNow(Clock::time_point now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  void TakeFromFleet(Clock::time_point now) ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
   void FindOwnLayer() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
 
   const LocalBusOptions options_;
@@ -70,8 +70,14 @@ class LocalBus {
   ByteBudget budget_ ABSL_GUARDED_BY(mutex_);
   Clock::time_point next_look_ ABSL_GUARDED_BY(mutex_);
   std::optional<LayerSnapshot> own_ ABSL_GUARDED_BY(mutex_);
-  std::optional<LayerSet> fleet_ ABSL_GUARDED_BY(mutex_);  // not used yet
-  std::map<LayerId, LayerSnapshot> adopted_ ABSL_GUARDED_BY(mutex_);
+  LayerSet fleet_ ABSL_GUARDED_BY(mutex_);
+  Clock::time_point next_fleet_ ABSL_GUARDED_BY(mutex_);  // to take what was refused
+  struct State {
+    SessionId session;
+    uint64_t version = 0;  // of its tiles
+    bool operator==(const State&) const = default;
+  };
+  std::map<LayerId, State> adopted_ ABSL_GUARDED_BY(mutex_);
   struct LaterSession {
     LayerRef ref;
     Clock::time_point next;

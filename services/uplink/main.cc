@@ -13,6 +13,7 @@
 #include "lib/base/status.h"
 #include "lib/config/region_flag.h"
 #include "lib/config/usage_error.h"
+#include "lib/fleet/fleet_flags.h"
 #include "services/uplink/uplink.h"
 #include "splinemap/key_ring.h"
 
@@ -47,14 +48,7 @@ struct Flags {
 void AddFlags(CLI::App& app, Flags& flags) {
   app.footer(kExamples);
   app.set_version_flag("--version", std::string("splinemap-uplink ") + SPLINEMAP_VERSION);
-  app.add_option("--fleet", flags.uplink.fleet.servers, "NATS servers of the fleet")
-      ->type_name("URL[,URL]..")
-      ->required();
-  app.add_option("--fleet-map", flags.uplink.fleet.map, "Name of the fleet's map (default: map)")
-      ->type_name("NAME");
-  app.add_option("--credentials", flags.uplink.fleet.credentials,
-                 "Folder of the robot's credentials (default: none, for servers without TLS)")
-      ->type_name("FOLDER");
+  AddFleetFlags(app, flags.uplink.fleet)->required();
   app.add_option("--robot", flags.uplink.bus.robot,
                  "Robot whose layer is brought (default: the first on the bus)")
       ->type_name("NAME");
@@ -86,7 +80,6 @@ void AddFlags(CLI::App& app, Flags& flags) {
 }
 
 absl::Status Complete(Flags& flags) {
-  flags.uplink.fleet.program = "splinemap-uplink";
   flags.uplink.interval = std::chrono::milliseconds(static_cast<int64_t>(flags.interval_s * 1000));
   SPLINEMAP_ASSIGN_OR_RETURN(flags.uplink.region, ParseRegion(flags.region));
   if (flags.uplink.region && flags.uplink.bus.others.empty()) {
@@ -120,6 +113,7 @@ absl::Status Run(const Flags& flags) {
   while (!is_over) {
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
     const Uplink::State state = (*uplink)->state();
+    if ((*uplink)->IsOver()) return absl::PermissionDeniedError(state.problem);
     if (state.problem != problem) {
       problem = state.problem;
       fmt::print(stderr, "{}\n", problem.empty() ? "all is well again" : PlainText(problem));

@@ -89,6 +89,7 @@ Uplink::State Uplink::state() const {
   {
     MutexLock lock(mutex_);
     state = state_;
+    if (state.problem.empty()) state.problem = file_problem_;
   }
   if (std::string problem = bus_->Problem(); !problem.empty()) state.problem = problem;
   if (state.problem.empty()) state.problem = store_->Problem();
@@ -144,12 +145,13 @@ void Uplink::BringFile(const std::stop_token& stop, Clock::time_point until) {
   if (file_copy_.empty()) {
     std::string copy = TemporaryPathFor(options_.map_file);
     status = MapFile::Copy(options_.map_file, copy);
-    if (status.ok()) file_copy_ = std::move(copy);
-    file_utime_ = HostUtime();
-    file_upload_.emplace(*files_, own->id);
+    if (status.ok()) {
+      file_copy_ = std::move(copy);
+      file_upload_.emplace(*files_, own->id, file_copy_, HostUtime());
+    }
   }
   if (status.ok()) {
-    status = file_upload_->Bring(file_copy_, file_utime_, [&](int64_t bytes) {
+    status = file_upload_->Bring([&](int64_t bytes) {
       {
         MutexLock lock(mutex_);
         if (is_changed_ && Clock::now() >= until) return false;
@@ -157,12 +159,16 @@ void Uplink::BringFile(const std::stop_token& stop, Clock::time_point until) {
       return Wait(stop, pace_.Take(bytes, Clock::now()));
     });
   }
-  if (absl::IsCancelled(status)) return;  // goes on with what is there
-  if (!file_copy_.empty()) MapFile::Remove(std::exchange(file_copy_, ""));
-  next_file_ = Clock::now() + kFileInterval;
+  if (absl::IsCancelled(status)) return;  // it goes on where it was
+  const bool goes_on = absl::IsUnavailable(status) && !file_copy_.empty();
+  if (!goes_on) {
+    file_upload_.reset();
+    if (!file_copy_.empty()) MapFile::Remove(std::exchange(file_copy_, ""));
+    next_file_ = Clock::now() + kFileInterval;
+  }
   MutexLock lock(mutex_);
   if (status.ok()) ++state_.files;
-  state_.problem = status.ok() ? "" : "the map file: " + ErrorText(status);
+  file_problem_ = status.ok() ? "" : "the map file: " + ErrorText(status);
 }
 
 absl::Status Uplink::CheckMap() {
@@ -217,14 +223,17 @@ absl::Status Uplink::BringOwn(const std::stop_token& stop) {
   if (upload.counts().digests == 0) {
     bus_->TellLaterSession(own->id, greater);
     return FailedPrecondition(
-        "the fleet knows session {} of {}, and the daemon is in session {}: its map file is an "
-        "older copy. The daemon is told, and begins a later session",
-        greater.number, PlainText(own->id.name), own->session.number);
+        "the fleet knows a later session of {} ({} by {:016x}) than that of the daemon ({} by "
+        "{:016x}): its map file is an older copy. The daemon is told, and begins a later one",
+        PlainText(own->id.name), greater.number, greater.nonce, own->session.number,
+        own->session.nonce);
   }
   return FailedPrecondition(
-      "another robot writes layer {}@{:016x} too, in session {}: two robots have copies of one map "
-      "file. Give one of them a new one",
-      PlainText(own->id.name), own->id.origin, greater.number);
+      "layer {}@{:016x} is also written in session {} by {:016x}, later than that of the daemon "
+      "here. "
+      "If that does not end in a minute, two robots have copies of one map file: start one of them "
+      "with a new one",
+      PlainText(own->id.name), own->id.origin, greater.number, greater.nonce);
 }
 
 }  // namespace splinemap

@@ -54,6 +54,8 @@ class Uplink {
     int64_t bytes_received = 0;
   };
   State state() const;
+  // Whether the servers refuse it, so that it is over until it is started again.
+  bool IsOver() const { return store_->IsClosed() || (files_ && files_->IsClosed()); }
 
  private:
   Uplink(UplinkOptions options, std::unique_ptr<NatsFleetStore> store,
@@ -70,19 +72,18 @@ class Uplink {
   const std::unique_ptr<NatsFleetStore> files_;  // null without a file
   std::unique_ptr<LocalBus> bus_;
   std::map<LayerId, LayerUpload> uploads_;  // of the thread, as what follows
-  std::map<LayerId, int64_t> digests_;      // that this process has written
   Pace pace_;
   Clock::time_point next_look_;
   Clock::time_point next_compare_;
   Clock::time_point next_file_;
-  std::string file_copy_;  // that is on its way; empty: none
-  std::optional<FleetFileUpload> file_upload_;
-  int64_t file_utime_ = 0;
+  std::string file_copy_;                       // that is on its way; empty: none
+  std::optional<FleetFileUpload> file_upload_;  // the same
 
   mutable Mutex mutex_;
   ConditionVariable changed_;
   bool is_changed_ ABSL_GUARDED_BY(mutex_) = false;  // the own layer
   State state_ ABSL_GUARDED_BY(mutex_);
+  std::string file_problem_ ABSL_GUARDED_BY(mutex_);
   std::unique_ptr<FleetReplica> replica_;
   std::jthread uploading_;
 };

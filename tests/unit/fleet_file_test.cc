@@ -24,7 +24,7 @@ class FleetFileTest : public testing::Test {
   }
   absl::Status Put(const std::string& content) {
     std::ofstream(from_, std::ios::binary) << content;
-    return upload_.Bring(from_, 5, kUnpaced);
+    return FleetFileUpload(store_, kId, from_, 5).Bring(kUnpaced);
   }
   std::string Got() {
     const std::string to = folder_.File("to" + std::to_string(++gets_));
@@ -37,7 +37,6 @@ class FleetFileTest : public testing::Test {
   const std::string from_ = folder_.File("from");
   int gets_ = 0;
   MemoryFleetStore store_;
-  FleetFileUpload upload_{store_, kId};
 };
 
 TEST_F(FleetFileTest, AFileComesBackAsItWas) {
@@ -56,7 +55,7 @@ TEST_F(FleetFileTest, OfALaterCopyOnlyWhatChangedIsSent) {
   const int64_t before = store_.writes();
   content[5 << 17] ^= 1;
   ASSERT_EQ(Put(content), absl::OkStatus());
-  EXPECT_EQ(store_.writes(), before + 3);  // a chunk, the record, and the old chunk goes
+  EXPECT_EQ(store_.writes(), before + 2);  // a chunk, the record
   EXPECT_EQ(Got(), content);
 }
 
@@ -67,13 +66,38 @@ TEST_F(FleetFileTest, WhileALaterCopyIsOnItsWayTheEarlierIsWhole) {
   std::ofstream(from_, std::ios::binary) << later;
   int chunks = 0;
   const auto end_after_four = [&](int64_t) { return ++chunks <= 4; };
-  EXPECT_TRUE(absl::IsCancelled(upload_.Bring(from_, 6, end_after_four)));
+  FleetFileUpload upload(store_, kId, from_, 6);
+  EXPECT_TRUE(absl::IsCancelled(upload.Bring(end_after_four)));
   EXPECT_EQ(Got(), earlier);
-  const int64_t before = store_.writes();
-  FleetFileUpload restarted(store_, kId);
-  ASSERT_EQ(restarted.Bring(from_, 6, kUnpaced), absl::OkStatus());
-  EXPECT_EQ(store_.writes(), before + 6 + 1 + 10);  // chunks, the record, chunks that go
+  int64_t before = store_.writes();
+  store_.FailAfterWrites(2);
+  EXPECT_TRUE(absl::IsUnavailable(upload.Bring(kUnpaced)));
+  store_.FailAfterWrites(-1);
+  EXPECT_EQ(Got(), earlier);
+  ASSERT_EQ(upload.Bring(kUnpaced), absl::OkStatus());
+  EXPECT_EQ(store_.writes(), before + 6 + 1 + 1);  // chunks, one twice, the record
   EXPECT_EQ(Got(), later);
+  // Another process, which was ended as well.
+  std::ofstream(from_, std::ios::binary) << earlier;
+  chunks = 0;
+  EXPECT_TRUE(absl::IsCancelled(FleetFileUpload(store_, kId, from_, 7).Bring(end_after_four)));
+  EXPECT_EQ(Got(), later);
+  before = store_.writes();
+  ASSERT_EQ(FleetFileUpload(store_, kId, from_, 7).Bring(kUnpaced), absl::OkStatus());
+  // The other keys still have it.
+  EXPECT_EQ(store_.writes(), before + 1);
+  EXPECT_EQ(Got(), earlier);
+}
+
+TEST_F(FleetFileTest, AShorterFileLeavesNoChunksOfALonger) {
+  ASSERT_EQ(Put(Random(10 << 17)), absl::OkStatus());
+  const std::string shorter = Random(3 << 17);
+  ASSERT_EQ(Put(shorter), absl::OkStatus());
+  ASSERT_EQ(Put(shorter), absl::OkStatus());
+  EXPECT_EQ(Got(), shorter);
+  size_t chunks = 0;
+  for (const auto& [key, entry] : store_.Save()) chunks += entry.value.empty() ? 0 : 1;
+  EXPECT_EQ(chunks, 3u + 3u + 1u);  // two of each number, the record
 }
 
 TEST_F(FleetFileTest, WhatIsDamagedOrGoneIsToldAndLeavesNoFile) {
