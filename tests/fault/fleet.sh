@@ -3,8 +3,9 @@
 # of their own, three robots that drive (splinemapd, each on a bus of its own, and its splinemap-uplink),
 # two workers. At random: servers, the leader among them, workers and uplinks are killed and started
 # again; servers are cut off from the others; uplinks are away for hours of the drive; a second uplink
-# writes the same layer; all servers forget everything, or go back to an old backup. Where everything
-# works again, the fleet has to have, byte for byte, what an offline merge of the robots' files has.
+# writes the same layer; all servers forget everything, or go back to an old backup; a robot goes on from
+# an old copy of its map file. Where everything works again, the fleet has to have, byte for byte, what an
+# offline merge of the robots' files has.
 # Exit status 77 where the system makes no namespaces.
 if [[ ${1:-} != inside ]]; then
   top=$(cd "$(dirname "$(readlink -f "$0")")/../.." && pwd -P)
@@ -131,10 +132,11 @@ back_up() {
   rm -rf backup
   mkdir backup
   cp -r jetstream{1,2,3} backup/
+  for k in 1 2 3; do splinemap backup "robot-$k.splinemap" "backup/robot-$k.splinemap" 2> /dev/null; done
 }
 
 end_of_faults=$((SECONDS + seconds))
-kinds=(server worker uplink cut pair away twice wipe backup restore robot)
+kinds=(server worker uplink cut pair away twice wipe backup restore robot older)
 turn=0
 while ((SECONDS < end_of_faults)); do
   # Each kind once, then at random.
@@ -170,6 +172,13 @@ while ((SECONDS < end_of_faults)); do
       rm -rf jetstream{1,2,3}
       cp -r backup/jetstream{1,2,3} .
       start_servers
+      ;;
+    older)
+      [[ -d backup ]] || continue
+      kill_hard "robot$k"
+      rm -f "robot-$k.splinemap"*
+      cp "backup/robot-$k.splinemap" .
+      start_robot "$k"
       ;;
     robot) kill_hard "robot$k"; pause; start_robot "$k" ;;
   esac
