@@ -52,4 +52,8 @@ install_packages() {
     echo "apt-get failed. Try: ${as_root[*]} apt-get install ${missing[*]}" >&2
     return 1
   fi
+  # Debian starts one that takes anybody from anywhere.
+  if [[ " ${missing[*]} " == *" nats-server "* ]] && command -v systemctl > /dev/null; then
+    "${as_root[@]}" systemctl disable --now nats-server > /dev/null 2>&1 || true
+  fi
 }

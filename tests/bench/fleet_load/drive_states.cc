@@ -25,7 +25,7 @@ absl::StatusOr<DriveStates> MapDrive(const std::string& log, double interval_s, 
   const std::optional<std::string> path = SharedData("carmen/" + log);
   if (!path) return NotFound("the shared data folder has no carmen/{}", log);
   SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<RecordedScan> drive, ReadRecordedDrive(*path, {}));
-  DriveStates result{{0.05, {-2560, 2560}}, {}, 0};
+  DriveStates result{{0.05, {-64 * kUnitsPerLogOdds, 64 * kUnitsPerLogOdds}}, {}, 0};
   const auto folder = std::make_shared<ScanFolder>(result.options);
   ScanMapper mapper(folder);
   Layer layer(LayerId{"drive", 1}, SessionId{1, 1});

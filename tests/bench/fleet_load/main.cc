@@ -19,6 +19,7 @@
 #include "lib/fleet/layer_digest.h"
 #include "lib/fleet/layer_upload.h"
 #include "lib/fleet/nats_fleet_store.h"
+#include "services/uplink/pace.h"
 #include "tests/bench/fleet/process_figures.h"
 #include "tests/bench/fleet_load/drive_states.h"
 
@@ -32,6 +33,7 @@ struct Flags {
   double seconds = 30;
   double interval_s = 2;
   int replicas = 3;
+  double max_kb_per_s = 100;
   std::vector<pid_t> servers;
 };
 
@@ -71,23 +73,26 @@ void Drive(const Flags& flags, const DriveStates& drive, int robot, Clock::time_
   LayerUpload upload(**store, id, drive.options);
   const auto interval =
       std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(flags.interval_s));
-  // Robots begin one after the other, and are in different places of the drive.
-  Clock::time_point due = begin + interval * robot / flags.robots;
-  size_t state = static_cast<size_t>(robot) * 7 % (drive.states.size() / 2);
-  bool is_first = true;
+  // Robots begin one after the other, in half of the time, each with an empty map.
+  Clock::time_point due = begin + (end - begin) / 2 * robot / flags.robots;
+  size_t state = 0;
+  Pace pace(flags.max_kb_per_s * 1000);
   int failures = 0;
   while (due < end) {
     std::this_thread::sleep_until(due);
     LayerSnapshot layer = drive.states[std::min(state++, drive.states.size() - 1)];
     layer.id = id;
     const LayerUpload::Counts before = upload.counts();
-    const absl::Status status = upload.Bring(layer, [](int64_t) { return true; });
+    const absl::Status status = upload.Bring(layer, [&](int64_t bytes) {
+      std::this_thread::sleep_until(pace.Take(bytes, Clock::now()));
+      return true;
+    });
     const Clock::time_point now = Clock::now();
     if (!status.ok()) {
       ++totals.failures;
       const std::lock_guard lock(totals.mutex);
       totals.problem = ErrorText(status);
-    } else if (!std::exchange(is_first, false)) {
+    } else if (due > begin + (end - begin) / 2) {  // all robots are there
       totals.blocks += upload.counts().blocks - before.blocks;
       totals.bytes += upload.counts().bytes - before.bytes;
       totals.digests += upload.counts().digests - before.digests;
@@ -116,24 +121,36 @@ absl::Status Run(const Flags& flags) {
   }
   const auto written = store->PutIf({kMapKey, EncodeMapOptions(drives[0].options), 1}, 0);
   if (!written.ok() && !absl::IsAborted(written.status())) return written.status();
-  std::vector<double> cpu_before;
-  for (const pid_t server : flags.servers) cpu_before.push_back(CpuSeconds(server));
-  const double own_before = CpuSeconds(getpid());
+  std::vector<double> cpu_s;
+  cpu_s.resize(flags.servers.size());
+  double own_s = 0;
   Totals totals;
   const Clock::time_point begin = Clock::now() + std::chrono::milliseconds(500);
   const Clock::time_point end = begin + std::chrono::duration_cast<Clock::duration>(
                                             std::chrono::duration<double>(flags.seconds));
   {
     std::vector<std::jthread> robots;
+    robots.emplace_back([&] {
+      std::this_thread::sleep_until(begin + (end - begin) / 2);
+      for (size_t k = 0; k < flags.servers.size(); ++k) {
+        cpu_s[k] = CpuSeconds(flags.servers[k]);
+      }
+      own_s = CpuSeconds(getpid());
+      std::this_thread::sleep_until(end);
+      for (size_t k = 0; k < flags.servers.size(); ++k) {
+        cpu_s[k] = CpuSeconds(flags.servers[k]) - cpu_s[k];
+      }
+      own_s = CpuSeconds(getpid()) - own_s;
+    });
     for (int robot = 0; robot < flags.robots; ++robot) {
       robots.emplace_back(
           [&, robot] { Drive(flags, drives[robot % kPlaces], robot, begin, end, totals); });
     }
   }
-  const double passed_s = Seconds(Clock::now() - begin);
+  const double passed_s = Seconds(end - begin) / 2;
   const double share = 100 / passed_s;
-  fmt::print("{} robots, a state every {:g} s, {} replicas, {:.0f} s\n", flags.robots,
-             flags.interval_s, flags.replicas, passed_s);
+  fmt::print("{} robots, a state every {:g} s, {} replicas, {:.0f} s after as many to begin\n",
+             flags.robots, flags.interval_s, flags.replicas, passed_s);
   fmt::print("updates: {:.0f} digests/s, {:.0f} blocks/s, {:.2f} MB/s; {:.1f} kB/s a robot\n",
              static_cast<double>(totals.digests) / passed_s,
              static_cast<double>(totals.blocks) / passed_s,
@@ -144,14 +161,12 @@ absl::Status Run(const Flags& flags) {
       "ms at most\n",
       1e3 * Quantile(totals.lags_s, 0.5), 1e3 * Quantile(totals.lags_s, 0.99),
       1e3 * Quantile(totals.lags_s, 1));
-  fmt::print("robots: {:.2f} % of a core each, {:.2f} MB each\n",
-             (CpuSeconds(getpid()) - own_before) * share / flags.robots,
+  fmt::print("robots: {:.2f} % of a core each, {:.2f} MB each\n", own_s * share / flags.robots,
              ResidentBytes(getpid()) / 1e6 / flags.robots);
   for (size_t k = 0; k < flags.servers.size(); ++k) {
     fmt::print("server {}: {:.0f} % of a core, {:.0f} MB; {:.3f} % and {:.0f} kB a robot\n", k + 1,
-               (CpuSeconds(flags.servers[k]) - cpu_before[k]) * share,
-               ResidentBytes(flags.servers[k]) / 1e6,
-               (CpuSeconds(flags.servers[k]) - cpu_before[k]) * share / flags.robots,
+               cpu_s[k] * share, ResidentBytes(flags.servers[k]) / 1e6,
+               cpu_s[k] * share / flags.robots,
                ResidentBytes(flags.servers[k]) / 1e3 / flags.robots);
   }
   fmt::print("failures: {}{}\n", totals.failures.load(),
