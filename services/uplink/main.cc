@@ -1,4 +1,5 @@
 #include <signal.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <atomic>
@@ -9,6 +10,7 @@
 #include <thread>
 
 #include "lib/base/clock.h"
+#include "lib/base/file.h"
 #include "lib/base/plain_text.h"
 #include "lib/base/status.h"
 #include "lib/config/region_flag.h"
@@ -25,6 +27,15 @@ constexpr int kUsage = 2;
 constexpr std::chrono::seconds kReportInterval(60);
 
 std::atomic<bool> is_over = false;
+
+// The NATS library waits for seconds for servers that do not answer. What is sent then is nothing
+// that would be lost.
+void End(int) {
+  is_over = true;
+  RemoveTemporaryFilesAtSignals();
+  signal(SIGALRM, [](int) { raise(SIGTERM); });
+  alarm(1);
+}
 
 constexpr const char* kExamples = R"(
 Examples:
@@ -142,9 +153,7 @@ int Main(int argc, char** argv) {
     return kUsage;
   }
   signal(SIGPIPE, SIG_IGN);
-  for (const int number : {SIGINT, SIGTERM}) {
-    signal(number, [](int) { is_over = true; });
-  }
+  for (const int number : {SIGINT, SIGTERM}) signal(number, End);
   absl::Status status = Complete(flags);
   if (status.ok()) status = Run(flags);
   if (status.ok()) return 0;
