@@ -135,7 +135,7 @@ absl::Status Run(const Flags& flags) {
     next_report = Clock::now() + kReportInterval;
     Report(state);
   }
-  Report((*uplink)->state());
+  if (const Uplink::State state = (*uplink)->state(); state.revision_here > 0) Report(state);
   return absl::OkStatus();
 }
 

@@ -393,4 +393,103 @@ TEST(MapFollowerTest, ALevelThatIsMadeHereIsThatOfTheDaemon) {
   }
 }
 
+// As an uplink follows: it keeps layers, and has none of its own.
+MapFollower Keeper() {
+  return MapFollower({}, KeeperOptions{kOptions, {}, 0}, LayerSet(), kSpeaker, kBegin);
+}
+
+TEST(MapFollowerTest, AnAdoptedLayerIsSpokenFor) {
+  Owner one("one", 1);  // which nobody hears
+  one.Commit({0, 0}, 100);
+  MapFollower keeper = Keeper();
+  ASSERT_TRUE(keeper.Adopt(one.layer().Snapshot(), kBegin));
+  MapFollower other({}, kSpeaker + 1);
+  for (milliseconds t(0); t < milliseconds(10'000); t += milliseconds(50)) {
+    if (t == milliseconds(5000)) {
+      one.Commit({0, 0}, 110);
+      one.Commit({7, 7}, 5);
+      ASSERT_TRUE(keeper.Adopt(one.layer().Snapshot(), kBegin + t));
+    }
+    for (const ReplicationMessage& message : TickOf(keeper, kBegin + t)) {
+      other.HandleBytes(EncodeReplication(message), kBegin + t);
+    }
+    for (const ReplicationMessage& message : TickOf(other, kBegin + t)) {
+      keeper.HandleBytes(EncodeReplication(message), kBegin + t);
+    }
+    if (t == milliseconds(4900)) {
+      ASSERT_EQ(other.SyncedLayers().layers.size(), 1u);
+      EXPECT_EQ(other.SyncedLayers().layers[0].session, one.layer().Snapshot().session);
+      EXPECT_EQ(FindTile(other.View()->tiles, {0, 0})->control_points[0], 100);
+    }
+  }
+  EXPECT_EQ(other.SyncedLayers().layers[0].revision, one.layer().revision());
+  EXPECT_EQ(FindTile(other.View()->tiles, {0, 0})->control_points[0], 110);
+  EXPECT_EQ(FindTile(other.View()->tiles, {7, 7})->control_points[0], 5);
+}
+
+TEST(MapFollowerTest, TheCopyOfASilentOwnerTakesNewerTiles) {
+  Owner one("one", 1);
+  one.Commit({0, 0}, 100);
+  one.Commit({1, 0}, 50);
+  MapFollower keeper = Keeper();
+  one.SpeakTo(keeper, kBegin);
+  const LayerSnapshot heard = one.layer().Snapshot();
+  one.Commit({0, 0}, 110);
+  one.Commit({7, 7}, 5);
+  const Clock::time_point later = kBegin + std::chrono::minutes(1);
+  ASSERT_TRUE(keeper.Adopt(one.layer().Snapshot(), later));
+  EXPECT_TRUE(keeper.Adopt(heard, later));  // has nothing newer
+  const auto map = keeper.View();
+  EXPECT_EQ(FindTile(map->tiles, {0, 0})->control_points[0], 110);
+  EXPECT_EQ(FindTile(map->tiles, {1, 0})->control_points[0], 50);
+  EXPECT_EQ(FindTile(map->tiles, {7, 7})->control_points[0], 5);
+  EXPECT_EQ(keeper.Layers().layers[0].revision, one.layer().revision());
+}
+
+TEST(MapFollowerTest, AnOwnerThatIsHeardIsLeftAlone) {
+  Owner one("one", 1);
+  one.Commit({0, 0}, 100);
+  MapFollower keeper = Keeper();
+  one.SpeakTo(keeper, kBegin);
+  one.Commit({0, 0}, 110);
+  EXPECT_FALSE(keeper.Adopt(one.layer().Snapshot(), kBegin + milliseconds(500)));
+  EXPECT_EQ(FindTile(keeper.View()->tiles, {0, 0})->control_points[0], 100);
+  one.SpeakTo(keeper, kBegin + milliseconds(1000));  // which says it itself
+  EXPECT_EQ(FindTile(keeper.View()->tiles, {0, 0})->control_points[0], 110);
+}
+
+TEST(MapFollowerTest, ALayerOfAnotherSessionIsAdoptedAsAWholeIfItIsLater) {
+  Owner one("one", 1);
+  one.Commit({0, 0}, 100);
+  LayerSnapshot older = one.layer().Snapshot();
+  MapFollower keeper = Keeper();
+  one.SpeakTo(keeper, kBegin);
+  Owner begun("one", 1);  // which has forgotten the tile
+  begun.Commit({7, 7}, 5);
+  LayerSnapshot later = begun.layer().Snapshot();
+  later.session = {2, 1};
+  const Clock::time_point now = kBegin + std::chrono::minutes(1);
+  ASSERT_TRUE(keeper.Adopt(later, now));
+  EXPECT_FALSE(keeper.Adopt(older, now));
+  EXPECT_EQ(keeper.View()->tiles.Find({0, 0}), nullptr);
+  EXPECT_EQ(FindTile(keeper.View()->tiles, {7, 7})->control_points[0], 5);
+  EXPECT_EQ(keeper.Layers().layers[0].session, later.session);
+}
+
+TEST(MapFollowerTest, WhatIsNotFollowedOrWasRemovedIsNotAdopted) {
+  Owner one("one", 1);
+  one.Commit({0, 0}, 100);
+  const LayerSnapshot layer = one.layer().Snapshot();
+  FollowOptions others;
+  others.names = {"two"};
+  MapFollower keeper(others, KeeperOptions{kOptions, {}, 0}, LayerSet(), kSpeaker, kBegin);
+  EXPECT_FALSE(keeper.Adopt(layer, kBegin));
+  MapFollower other = Keeper();
+  LayerSettings removed;
+  removed.Remove(layer.session);
+  other.Set(layer.id, removed);
+  EXPECT_FALSE(other.Adopt(layer, kBegin));
+  EXPECT_TRUE(other.Layers().layers.empty());
+}
+
 }  // namespace splinemap::map_follower_test
