@@ -21,8 +21,8 @@
 namespace splinemap {
 namespace {
 
-constexpr std::array kHeader{"layer",   "state",        "heard_s", "session", "commits", "tiles",
-                             "area_m2", "contradicted", "box_m",   "hash",    "settings"};
+constexpr std::array kHeader{"layer", "state",   "heard_s",      "file_s", "session", "commits",
+                             "tiles", "area_m2", "contradicted", "box_m",  "hash",    "settings"};
 using TableRow = std::array<std::string, kHeader.size()>;
 
 TableRow CellsOf(const LayerRow& layer) {
@@ -33,17 +33,18 @@ TableRow CellsOf(const LayerRow& layer) {
   if (layer.is_approximate) row.back() += ", approximate";
   if (!layer.state.empty()) row[1] = PlainText(layer.state);
   if (layer.heard_s_ago >= 0) row[2] = fmt::format("{:.1f}", layer.heard_s_ago);
+  if (layer.file_age_s) row[3] = fmt::format("{:.0f}", *layer.file_age_s);
   if (!layer.content) return row;
   const LayerRow::Content& content = *layer.content;
-  row[3] = fmt::to_string(content.session.number);
-  row[4] = fmt::to_string(content.revision);
-  row[5] = fmt::to_string(content.tiles);
-  row[6] = fmt::format("{:.1f}", content.area_m2);
-  if (content.contradicted) row[7] = fmt::format("{:.0f} %", 100 * *content.contradicted);
+  row[4] = fmt::to_string(content.session.number);
+  row[5] = fmt::to_string(content.revision);
+  row[6] = fmt::to_string(content.tiles);
+  row[7] = fmt::format("{:.1f}", content.area_m2);
+  if (content.contradicted) row[8] = fmt::format("{:.0f} %", 100 * *content.contradicted);
   if (const auto& box = content.box) {
-    row[8] = fmt::format("{:.3f},{:.3f},{:.3f},{:.3f}", box->x0_m, box->y0_m, box->x1_m, box->y1_m);
+    row[9] = fmt::format("{:.3f},{:.3f},{:.3f},{:.3f}", box->x0_m, box->y0_m, box->x1_m, box->y1_m);
   }
-  row[9] = fmt::format("{:016x}", content.hash);
+  row[10] = fmt::format("{:016x}", content.hash);
   return row;
 }
 
@@ -143,12 +144,15 @@ std::string TableOf(const std::vector<LayerRow>& layers) {
                                      [](const LayerRow& layer) { return !layer.state.empty(); });
   const bool is_live = std::any_of(layers.begin(), layers.end(),
                                    [](const LayerRow& layer) { return layer.heard_s_ago >= 0; });
+  const bool has_files = std::any_of(layers.begin(), layers.end(), [](const LayerRow& layer) {
+    return layer.file_age_s.has_value();
+  });
   std::string table;
   for (const TableRow& row : rows) {
     std::string text;
     for (size_t k = 0; k < row.size(); ++k) {
-      if ((!has_state && k == 1) || (!is_live && k == 2)) continue;  // state, heard_s
-      const bool is_number = k > 1 && k < 8;
+      if ((!has_state && k == 1) || (!is_live && k == 2) || (!has_files && k == 3)) continue;
+      const bool is_number = k > 1 && k < 9;
       text += is_number ? fmt::format("{:>{}}  ", row[k], widths[k])
                         : fmt::format("{:<{}}  ", row[k], widths[k]);
     }
@@ -176,6 +180,7 @@ nlohmann::json ToJson(const LayerRow& row) {
     json["state"] = row.state;
     json["heard_s_ago"] = row.heard_s_ago;
   }
+  if (row.file_age_s) json["file_age_s"] = *row.file_age_s;
   if (!row.content) return json;
   const LayerRow::Content& content = *row.content;
   json["session_number"] = content.session.number;

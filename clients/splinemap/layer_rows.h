@@ -38,6 +38,8 @@ struct LayerRow {
   std::string state;
   double heard_s_ago = -1;
   bool is_approximate = false;  // resampled, since it is placed beside the knots of the map
+  // In a fleet: since the copy of the robot's map file was made; none where there is no copy.
+  std::optional<double> file_age_s{};
 };
 
 LayerRow RowOf(const LayerSnapshot& layer, const LayerSettings& settings, double knot_interval_m);

@@ -8,6 +8,7 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
+#include "clients/splinemap/fleet_scans.h"
 #include "clients/splinemap/follow.h"
 #include "clients/splinemap/follow_fleet.h"
 #include "clients/splinemap/layer_rows.h"
@@ -65,6 +66,21 @@ void PrintRows(const std::vector<LayerRow>& rows, bool json) {
   }
 }
 
+absl::Status AddFileAges(const FleetAddress& fleet, std::vector<LayerRow>& rows) {
+  SPLINEMAP_ASSIGN_OR_RETURN(const auto files, NatsFleetStore::Connect(FilesOf(fleet)));
+  for (LayerRow& row : rows) {
+    const absl::StatusOr<FleetFile> file = FindFleetFile(*files, row.id);
+    if (file.ok()) {
+      row.file_age_s = AgeOf(*file).count();
+    } else if (absl::IsNotFound(file.status())) {
+      return absl::OkStatus();  // a map that has no files
+    } else if (!absl::IsOutOfRange(file.status())) {
+      return file.status();
+    }
+  }
+  return absl::OkStatus();
+}
+
 // Also those that are not whole yet, as far as they are here.
 absl::StatusOr<int> PrintFleetLayers(const LayersFlags& flags) {
   SPLINEMAP_ASSIGN_OR_RETURN(const FollowedFleet fleet, FollowFleet(flags.source.fleet, {}));
@@ -78,9 +94,12 @@ absl::StatusOr<int> PrintFleetLayers(const LayersFlags& flags) {
   for (LayerRow& row : rows) {
     row.state = !row.content ? "removed" : matching.contains(row.id) ? "whole" : "stale";
   }
+  const absl::Status files = AddFileAges(flags.source.fleet, rows);
   PrintRows(rows, flags.json);
   const int exit_status = ReportRefused(fleet.replica->Refused());
-  return whole.ok() ? absl::StatusOr<int>(exit_status) : whole;
+  if (!whole.ok()) return whole;
+  SPLINEMAP_RETURN_IF_ERROR(files);
+  return exit_status;
 }
 
 absl::StatusOr<int> PrintLayers(const LayersFlags& flags) {
@@ -111,7 +130,8 @@ last column has the settings. Beyond 20 % the frame of a layer may be another; s
 
 With --live it prints a table for each daemon. "state" is own, live, stale (something is missing),
 gone (its robot is silent; the layer is kept) or removed; "heard_s" is the time since the last
-message of its robot. With --fleet "state" is whole, stale (some tiles are missing) or removed.)";
+message of its robot. With --fleet "state" is whole, stale (some tiles are missing) or removed, and "file_s" the
+age of the copy of the robot's map file, where there is one (splinemap snapshot --scans).)";
 
 }  // namespace
 

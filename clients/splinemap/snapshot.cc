@@ -6,12 +6,13 @@
 
 #include "clients/splinemap/commands.h"
 #include "clients/splinemap/files.h"
+#include "clients/splinemap/fleet_scans.h"
 #include "clients/splinemap/follow.h"
 #include "clients/splinemap/follow_fleet.h"
 #include "clients/splinemap/print.h"
 #include "clients/splinemap/progress.h"
-#include "lib/config/region_flag.h"
 #include "lib/base/status.h"
+#include "lib/config/region_flag.h"
 #include "lib/fleet/fleet_flags.h"
 #include "lib/logs/lcm_log.h"
 #include "lib/replication/map_follower.h"
@@ -27,6 +28,7 @@ struct SnapshotFlags {
   std::string log;
   std::string region;
   std::string statistic = "mean";
+  bool scans = false;
   FollowOptions follow;
 };
 
@@ -98,13 +100,17 @@ absl::StatusOr<int> CopyFleet(const SnapshotFlags& flags) {
   options.region = flags.follow.region;
   SPLINEMAP_ASSIGN_OR_RETURN(const FollowedFleet fleet,
                              FollowWholeFleet(flags.fleet, options, flags.bus.Timeout()));
-  const LayerSet map = fleet.replica->WholeLayers();
+  LayerSet map = fleet.replica->WholeLayers();
   if (map.layers.empty()) {
     return NotFound("the fleet's map '{}' has no layer{}, so nothing is written", flags.fleet.map,
                     flags.region.empty() ? "" : " in --region " + flags.region);
   }
+  int exit_status = kSuccess;
+  if (flags.scans) {
+    SPLINEMAP_ASSIGN_OR_RETURN(exit_status, TakeScans(flags.fleet, flags.output.path, map));
+  }
   SPLINEMAP_RETURN_IF_ERROR(Save(map, flags.output.path));
-  return ReportRefused(fleet.replica->Refused());
+  return std::max(exit_status, ReportRefused(fleet.replica->Refused()));
 }
 
 absl::StatusOr<int> TakeSnapshot(SnapshotFlags flags) {
@@ -131,13 +137,20 @@ Examples:
   splinemap snapshot --region -5,-5,20,10 --level 2 --statistic max obstacles.splinemap
   splinemap snapshot --log recorded.lcmlog lab.splinemap
   splinemap snapshot --fleet nats://hub --robot 'robot-1*' --region 0,0,50,20 lab.splinemap
+  splinemap snapshot --fleet nats://hub --scans --robot robot-1 one.splinemap
+  splinemap forget one.splinemap --before end-1h --out now.splinemap
 
 Follows the daemons on a bus until it has caught up with them byte for byte, and saves their layers
 as one file. At level n the knot interval is 2^n times as wide. The mean is smoothed; min and max
 are the least and the greatest log-odds of 2^n x 2^n control points. Exit status: 0 saved; 1 not
 caught up within --timeout, or saved without a layer; 2 usage.
 With --fleet it saves each layer as its robot last completed it; --region selects the layers that
-reach into the region, and saves them whole. --timeout is the time without anything new.)";
+reach into the region, and saves them whole. --timeout is the time without anything new. --scans takes layers, with their
+scans, from the copies of map files that splinemap-uplink --map brings every five minutes, and says
+how old each is; robots that bring none are saved without. With scans, fold, forget, correct and
+verify work on the file; fold and forget need those of each layer (--robot selects). What they make
+stays a file: when the robot is back, its layer is as the robot has it. Exit status 1 where a copy
+cannot be used; that layer is saved without scans.)";
 
 }  // namespace
 
@@ -160,8 +173,10 @@ void AddSnapshot(CLI::App& app, Command& chosen) {
       ->check(CLI::IsMember({"mean", "min", "max"}));
   command->add_option("--log", flags->log, "Follow the messages in an LCM log instead of a bus")
       ->excludes("--lcm-url", "--region", "--level");
-  AddFleetFlags(*command, flags->fleet)
-      ->excludes("--lcm-url", "--prefix", "--keys", "--level", "--statistic", "--log");
+  CLI::Option* const fleet = AddFleetFlags(*command, flags->fleet);
+  fleet->excludes("--lcm-url", "--prefix", "--keys", "--level", "--statistic", "--log");
+  command->add_flag("--scans", flags->scans, "With their scans, where robots bring their map files")
+      ->needs(fleet);
   command->callback([flags, &chosen] { chosen = [flags] { return TakeSnapshot(*flags); }; });
 }
 

@@ -25,17 +25,20 @@ end_server() {
   wait "$server" || true
 }
 
-# Two robots that drive through one office, in frames of their own.
-printf 'service { max_archive_mb: 0 }\n' > without_scans.textproto
+# Two robots that drive through one office, in frames of their own, and one that goes with both.
 splinemap simulate office.lcmlog 2> /dev/null
 robot() {
   local name=$1
   shift
-  expect 0 splinemap build office.lcmlog whole.splinemap --name "$name" --force "${@:3}"
-  expect 0 splinemap fold whole.splinemap "${@:1:2}" --out "$name.splinemap"
+  splinemap build office.lcmlog "$name.whole" --name "$name" "${@:3}"
+  splinemap fold "$name.whole" "${@:1:2}" --out "$name.splinemap"
 }
-robot robot-1 --until start+80s
-robot robot-2 --from end-80s --frame 12,-5,130
+robot robot-1 --until start+80s 2> robot-1.log &
+robots=$!
+robot robot-2 --from end-80s --frame 12,-5,130 2> robot-2.log || fail "robot-2: $(cat robot-2.log)"
+wait $robots || fail "robot-1: $(cat robot-1.log)"
+splinemap build office.lcmlog robot-3.splinemap --name robot-3 2> robot-3.log &
+robots=$!
 expect 0 splinemap merge robot-1.splinemap robot-2.splinemap -o both.splinemap
 
 # --- what is not there is said at once
@@ -52,21 +55,12 @@ for command in "layers" "render" "snapshot x.splinemap" "merge -o x.splinemap" "
 done
 fleet_put robot-1.splinemap $hub map
 fleet_put robot-2.splinemap $hub map
-expect 1 splinemap --fleet $hub query 1 2
+expect 1 splinemap --fleet $hub query 1 2 --timeout 0.3
 expect_text "no splinemap-fleet-worker answers for the map 'map'" err
 splinemap-fleet-worker --fleet $hub 2> worker.log &
 worker=$!
-await splinemap --fleet $hub query 1 2
 
-# --- wherever the flags stand, and in whatever form
-expect 0 splinemap --fleet $hub query 3 2
-cp out once
-expect 0 splinemap query --fleet $hub 3 2
-cmp out once || fail "the flag before the command and behind it"
-expect 0 splinemap --fleet=$hub --fleet-map map query 3 2
-cmp out once || fail "the flag with ="
-expect 0 splinemap --fleet $hub query -- 3 2
-cmp out once || fail "the flag before --"
+# --- flags that are not right; meanwhile the worker begins
 expect 2 splinemap --fleet $hub
 expect_text "give a command" err
 expect 2 splinemap --fleet
@@ -98,6 +92,17 @@ expect 2 splinemap query --fleet $hub --fleet-map a.b 1 2
 expect_text "letters, digits, _ and -" err
 expect 1 splinemap query --fleet $hub --credentials none 1 2
 expect_text "none/ca.pem is not there" err
+
+# --- wherever the flags stand, and in whatever form
+await splinemap --fleet $hub query 1 2
+expect 0 splinemap --fleet $hub query 3 2
+cp out once
+expect 0 splinemap query --fleet $hub 3 2
+cmp out once || fail "the flag before the command and behind it"
+expect 0 splinemap --fleet=$hub --fleet-map map query 3 2
+cmp out once || fail "the flag with ="
+expect 0 splinemap --fleet $hub query -- 3 2
+cmp out once || fail "the flag before --"
 
 # --- the same as of the file
 same() {
@@ -148,8 +153,11 @@ expect_text "map: 2 layers, 2 of them whole; " out
 expect 0 splinemap watch --fleet $hub --once --json
 [[ $(jq -c '[.map, .problem, .refused, (.layers[] | [.name, .is_whole]), .bytes_received > 1000]' out) == \
   '["map","",[],["robot-1",true],["robot-2",true],true]' ]] || fail "watch: $(cat out)"
-script -qfc "timeout 3 splinemap watch --fleet $hub" screen > /dev/null < /dev/null || true
-grep -q "2 of them whole" screen || fail "watch in a terminal: $(cat screen)"
+timeout 10 script -qfc "splinemap watch --fleet $hub" screen > /dev/null 2>&1 < /dev/null &
+drawing=$!
+await grep -q "2 of them whole" screen
+kill $drawing
+wait $drawing || true
 grep -q "robot-2@[0-9a-f]* .* whole" screen || fail "watch in a terminal: $(cat screen)"
 
 # --- snapshot and merge make the files again
@@ -174,7 +182,7 @@ expect 0 splinemap merge --fleet $hub -o copy.splinemap --force
 expect_text "merged 1 maps: 2 layers" err
 expect 0 splinemap diff copy.splinemap both.splinemap
 cmp <(hashes copy.splinemap) <(hashes both.splinemap) || fail "merged, the copy differs"
-expect 0 splinemap build office.lcmlog robot-3.splinemap --name robot-3
+wait $robots || fail "robot-3: $(cat robot-3.log)"
 expect 0 splinemap merge both.splinemap robot-3.splinemap -o three.splinemap
 expect 0 splinemap merge --fleet $hub robot-3.splinemap robot-1.splinemap -o copy.splinemap --force
 expect 0 splinemap diff copy.splinemap three.splinemap
@@ -241,10 +249,16 @@ expect 0 fleet_put both.splinemap $hub torn torn
 for command in "snapshot torn.splinemap" "merge -o torn.splinemap" \
   "align robot-2 robot-1"; do
   read -ra words <<< "$command"
-  expect 1 splinemap "${words[@]}" --fleet $hub --fleet-map torn --timeout 0.5
-  expect_text "the fleet's map 'torn' did not become whole, and nothing new came for 0.5 s; robot-" err
-  expect_text "tiles so far; --timeout gives it more time" err
+  (
+    work=$work/${words[0]}
+    mkdir "$work"
+    expect 1 splinemap "${words[@]}" --fleet $hub --fleet-map torn --timeout 0.5
+    expect_text "the fleet's map 'torn' did not become whole, and nothing new came for 0.5 s; robot-" err
+    expect_text "tiles so far; --timeout gives it more time" err
+  ) &
+  asking+=($!)
 done
+for job in "${asking[@]}"; do wait "$job" || fail "what is not whole"; done
 [[ ! -e torn.splinemap ]] || fail "a snapshot of a part"
 expect 1 splinemap layers --fleet $hub --fleet-map torn --timeout 0.5 --json
 [[ $(jq -c 'map(.state) | sort' out) == '["stale","whole"]' ]] || fail "torn: $(cat out)"
@@ -303,8 +317,41 @@ END
   expect 0 curl -sS -H 'Content-Type: application/json' -d '{}' "localhost:$port/api/mute"
   expect_text "the map of a fleet takes no commands" out
   kill "$viewer"
-  wait "$viewer" || fail "splinemap-viewer: $(cat viewer.log)"
 fi
+
+# --- with scans, where robots have brought their map files; of these, their own layer alone counts
+expect 0 splinemap fold robot-1.splinemap --out later.splinemap
+expect 0 splinemap layer mute both.splinemap robot-1 -o brought.splinemap
+for map in later robot-2 robot-3; do fleet_put $map.splinemap $hub kept; done
+expect 1 splinemap snapshot --fleet $hub --fleet-map kept --scans none.splinemap
+expect_text "the servers have no map 'kept_files'" err
+fleet_put robot-2.splinemap $hub kept damaged
+fleet_put brought.splinemap $hub kept file
+expect 1 splinemap snapshot --fleet $hub --fleet-map kept --scans kept.splinemap
+[[ $(grep "scans" err) =~ ^"robot-1: 801 scans, copied "[0-9]" s ago, 1 commits behind the fleet's tiles, of \
+an earlier session"$'\n'"robot-2: no scans, a part of the map file of robot-2 is damaged or gone; \
+the robot brings it again"$'\n'"robot-3: no scans, its robot brings no map file" ]] || fail "scans: $(cat err)"
+expect 0 splinemap diff kept.splinemap three.splinemap
+cmp <(hashes kept.splinemap) <(hashes three.splinemap) || fail "with scans, the copy differs"
+[[ $(splinemap info kept.splinemap --json | jq -c '[.layers[].scans]') == "[801,0,0]" ]] ||
+  fail "scans of the copy: $(splinemap info kept.splinemap)"
+[[ -z $(find . -name '*.part*') ]] || fail "left behind: $(find . -name '*.part*')"
+expect 0 splinemap layers --fleet $hub --fleet-map kept
+[[ $(head -n 1 out) == *file_s* ]] || fail "layers: $(cat out)"
+expect 0 splinemap layers --fleet $hub --fleet-map kept --json
+[[ $(jq -c 'map(.file_age_s | . != null and . >= 0 and . < 60)' out) == "[true,true,false]" ]] ||
+  fail "files: $(cat out)"
+fleet_put robot-2.splinemap $hub kept file
+expect 0 splinemap snapshot --fleet $hub --fleet-map kept --scans --robot robot-1 --robot robot-2 \
+  all.splinemap
+# A file that is no map, and one of another layer.
+cp office.lcmlog junk.splinemap
+fleet_put robot-2.splinemap $hub kept file junk.splinemap
+fleet_put robot-1.splinemap $hub kept file robot-2.splinemap
+expect 1 splinemap snapshot --fleet $hub --fleet-map kept --scans kept.splinemap --force
+expect_text "robot-1: no scans, its map file does not have this layer" err
+expect_text "robot-2: no scans, its map file is damaged" err
+expect 0 splinemap diff kept.splinemap three.splinemap
 
 # --- a watch hears of what changes, and of servers that go away
 splinemap watch --fleet $hub --fleet-map torn --timeout 2 > watch.log 2> watch.err &
@@ -313,22 +360,45 @@ await grep -q "2 layers, 2 of them whole" watch.log
 fleet_put robot-3.splinemap $hub torn
 await grep -q "3 layers, 3 of them whole" watch.log
 end_server
-status=0
-wait "$watching" || status=$?
-((status == 1)) || fail "watch ended with $status: $(cat watch.err)"
-grep -q "the connection to the NATS servers at $hub is lost" watch.err || fail "$(cat watch.err)"
 
-# --- who may not write
+# --- who may not write; meanwhile the watch is without a server
 cat > readers.conf << 'END'
 no_auth_user: reader
 authorization { users: [{ user: reader, password: reader, permissions: { publish: { deny: "$KV.>" } } }] }
 END
-start_server -c readers.conf
-expect 0 splinemap snapshot --fleet $hub --fleet-map torn torn.splinemap --force
-expect 1 splinemap layer remove --fleet $hub --fleet-map torn robot-1
-expect_text "the servers do not allow it" err
-expect_text "are these the right credentials?" err
-expect 0 splinemap layers --fleet $hub --fleet-map torn
+start_server -c readers.conf -p 4511
+readers=nats://127.0.0.1:4511
+expect 0 splinemap snapshot --fleet $readers --fleet-map torn torn.splinemap --force
+splinemap layer remove --fleet $readers --fleet-map torn robot-1 2> denied &
+removing=$!
+
+# --- what copies of map files are for; meanwhile the servers say nothing of the removal
+contents() { splinemap layers "$1" --json | jq -c 'map([.name, .hash])'; }
+as_of_files() {
+  expect 0 splinemap "${@:1:1}" all.splinemap "${@:2}" --out of_copies.splinemap --force
+  expect 0 splinemap "${@:1:1}" both.splinemap "${@:2}" --out of_files.splinemap --force
+  [[ $(contents of_copies.splinemap) == "$(contents of_files.splinemap)" ]] || fail "of copies: $*"
+}
+expect 0 splinemap fold all.splinemap --out of_copies.splinemap
+[[ $(contents of_copies.splinemap) == "$(contents both.splinemap)" ]] || fail "a fold of copies"
+as_of_files forget --before end-1m
+[[ $(contents of_copies.splinemap) != "$(contents both.splinemap)" ]] || fail "nothing was forgotten"
+splinemap trajectory all.splinemap --layer robot-1 | awk -F, 'NR > 1 { $2 += 0.5 } 1' OFS=, > moved.csv
+as_of_files correct moved.csv --layer robot-1
+expect 1 splinemap fold kept.splinemap --out none.splinemap
+expect_text "layer robot-1: the map keeps no scans of it" err
+
+status=0
+wait "$watching" || status=$?
+((status == 1)) || fail "watch ended with $status: $(cat watch.err)"
+grep -q "the connection to the NATS servers at $hub is lost" watch.err || fail "$(cat watch.err)"
+[[ ! -e viewer.log ]] || wait "$viewer" || fail "splinemap-viewer: $(cat viewer.log)"
+status=0
+wait "$removing" || status=$?
+((status == 1)) || fail "removed without permission: $(cat denied)"
+grep -q "the servers do not allow it" denied || fail "$(cat denied)"
+grep -q "are these the right credentials?" denied || fail "$(cat denied)"
+expect 0 splinemap layers --fleet $readers --fleet-map torn
 [[ $(grep -c " whole " out) == 3 ]] || fail "changed all the same: $(cat out)"
 end_server
 
