@@ -145,7 +145,7 @@ robots() {
     start "robot-$k" on_bus "$bus" splinemapd --map "$out/robot-$k.splinemap" --name "robot-$k" \
       --scan LASER --pose POSE
     start "uplink-$k" splinemap-uplink --robot "robot-$k" --lcm-url "$bus" "${as_fleet[@]}" \
-      --credentials "$fleet/robot-$k" --max-kb-per-s 100
+      --credentials "$fleet/robot-$k" --max-kb-per-s 100 --map "$out/robot-$k.splinemap"
   done
   sleep 1  # daemons that miss the beginning of the drive miss little
   for k in 1 2 3 4 5; do
