@@ -135,7 +135,10 @@ absl::Status Run(const Flags& flags) {
     next_report = Clock::now() + kReportInterval;
     Report(state);
   }
-  if (const Uplink::State state = (*uplink)->state(); state.revision_here > 0) Report(state);
+  if (const Uplink::State state = (*uplink)->state();
+      state.revision_here > 0 || state.layers_of_others > 0) {
+    Report(state);
+  }
   return absl::OkStatus();
 }
 

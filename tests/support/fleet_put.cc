@@ -46,8 +46,8 @@ absl::Status PutFile(const std::string& map, const std::string& path, const Flee
   SPLINEMAP_ASSIGN_OR_RETURN(const LoadedMap loaded, ReadMapFile(map));
   SPLINEMAP_ASSIGN_OR_RETURN(const auto files, NatsFleetStore::Connect(FilesOf(fleet)));
   SPLINEMAP_RETURN_IF_ERROR(files->MakeBucket(/*replicas=*/1));
-  FleetFileUpload upload(*files, loaded.set.layers.front().id);
-  return upload.Bring(path, HostUtime(), [](int64_t) { return true; });
+  FleetFileUpload upload(*files, loaded.set.layers.front().id, path, HostUtime());
+  return upload.Bring([](int64_t) { return true; });
 }
 
 // Takes one of these entries away.
