@@ -145,12 +145,12 @@ as one file. At level n the knot interval is 2^n times as wide. The mean is smoo
 are the least and the greatest log-odds of 2^n x 2^n control points. Exit status: 0 saved; 1 not
 caught up within --timeout, or saved without a layer; 2 usage.
 With --fleet it saves each layer as its robot last completed it; --region selects the layers that
-reach into the region, and saves them whole. --timeout is the time without anything new. --scans takes layers, with their
-scans, from the copies of map files that splinemap-uplink --map brings every five minutes, and says
-how old each is; robots that bring none are saved without. With scans, fold, forget, correct and
-verify work on the file; fold and forget need those of each layer (--robot selects). What they make
-stays a file: when the robot is back, its layer is as the robot has it. Exit status 1 where a copy
-cannot be used; that layer is saved without scans.)";
+reach into the region, and saves them whole. --timeout is the time without anything new.
+--scans takes layers, with their scans, from the copies of map files that splinemap-uplink --map
+brings every five minutes, and says how old each is. A layer without a copy is saved without scans;
+so is one whose copy cannot be used, with exit status 1. Then fold, forget, correct and verify work
+on OUT; fold and forget need the scans of all its layers: --robot selects. What they make is a file
+and no more: when the robot is back, its layer is as the robot has it.)";
 
 }  // namespace
 

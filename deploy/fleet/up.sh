@@ -70,6 +70,20 @@ check_running() {
   done
 }
 
+# The others go on: to see that, end one of them.
+say_what_ended() {
+  local k
+  for k in "${!ids[@]}"; do
+    if [[ ${told[k]:-} || ${names[k]} == drive-* ]] || kill -0 "${ids[k]}" 2> /dev/null; then
+      continue
+    fi
+    say "${names[k]} ended, the others go on; the last that it said: $(
+      tail -n 1 "$out/${names[k]}.log")"
+    told[k]=yes
+    status=1
+  done
+}
+
 # await WHAT COMMAND..: until it succeeds, at most 30 s.
 await() {
   local what=$1
@@ -213,8 +227,10 @@ robots
 viewer
 say "The fleet, for commands: --fleet $urls --credentials $fleet/operator"
 end=$((SECONDS + ${seconds:-1000000000}))
+told=() status=0
 while ((SECONDS < end)); do
-  check_running
+  say_what_ended
   sleep 1 &
   wait $! || true  # so that Ctrl-C is heard at once
 done
+((status == 0))

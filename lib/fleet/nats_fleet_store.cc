@@ -24,6 +24,7 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kTimeout(5000);
+constexpr milliseconds kReadTimeout(2000);  // whoever reads asks again
 constexpr milliseconds kStraggle(500);
 constexpr const char* kHashHeader = "Splinemap-Hash";
 const std::string kInboxes = "_INBOX.";  // what replies go to
@@ -473,11 +474,14 @@ absl::StatusOr<uint64_t> NatsFleetStore::PutIf(const FleetEntry& entry, uint64_t
 }
 
 absl::StatusOr<FleetEntry> NatsFleetStore::Get(const std::string& key_or_filter) {
+  jsOptions options;
+  jsOptions_Init(&options);
+  options.Wait = kReadTimeout.count();
   natsMsg* message = nullptr;
   jsErrCode error = static_cast<jsErrCode>(0);
   const natsStatus status =
       js_GetLastMsg(&message, state_->context.get(), address_.Stream().c_str(),
-                    SubjectOf(key_or_filter).c_str(), nullptr, &error);
+                    SubjectOf(key_or_filter).c_str(), &options, &error);
   const NatsHandle<natsMsg> owned(message);
   if (error == JSNoMessageFoundErr || (status == NATS_NOT_FOUND && error != JSStreamNotFoundErr)) {
     return absl::OutOfRangeError(

@@ -24,7 +24,8 @@ constexpr std::chrono::duration<double> kLongestRetry(16);
 // not tell of.
 constexpr std::chrono::seconds kDigestInterval(10);
 constexpr std::chrono::minutes kCompareInterval(5);
-// Between copies of the map file.
+// Between copies of the map file: at first, when there is little in it, and then.
+constexpr std::chrono::seconds kFirstFileInterval(30);
 constexpr std::chrono::minutes kFileInterval(5);
 
 absl::StatusOr<std::unique_ptr<NatsFleetStore>> ConnectPatiently(
@@ -75,7 +76,8 @@ Uplink::Uplink(UplinkOptions options, std::unique_ptr<NatsFleetStore> store,
     : options_(std::move(options)),
       store_(std::move(store)),
       files_(std::move(files)),
-      pace_(options_.max_kb_per_s * 1000) {}
+      pace_(options_.max_kb_per_s * 1000),
+      file_pause_(kFirstFileInterval) {}
 
 Uplink::~Uplink() {
   uploading_ = {};
@@ -164,7 +166,8 @@ void Uplink::BringFile(const std::stop_token& stop, Clock::time_point until) {
   if (!goes_on) {
     file_upload_.reset();
     if (!file_copy_.empty()) MapFile::Remove(std::exchange(file_copy_, ""));
-    next_file_ = Clock::now() + kFileInterval;
+    next_file_ = Clock::now() + file_pause_;
+    if (status.ok()) file_pause_ = std::min<Clock::duration>(2 * file_pause_, kFileInterval);
   }
   MutexLock lock(mutex_);
   if (status.ok()) ++state_.files;

@@ -76,6 +76,7 @@ class Uplink {
   Clock::time_point next_look_;
   Clock::time_point next_compare_;
   Clock::time_point next_file_;
+  Clock::duration file_pause_;
   std::string file_copy_;                       // that is on its way; empty: none
   std::optional<FleetFileUpload> file_upload_;  // the same
 

@@ -44,9 +44,9 @@ Examples:
 
 Without --pose every channel that carries poses is shown, without --path every one that carries
 paths. Poses and scans are placed as the daemon says that maps them; where daemons of several robots
-hear poses, they are taken to be in the map's frame, as paths are. Where a file keeps scans, the page has a slider
-that shows the map as it was, to all who look. Serves until SIGINT (Ctrl-C) or SIGTERM. Exit
-status: 0 ended by signal, 1 failed, 2 usage.)";
+hear poses, they are taken to be in the map's frame, as paths are. Where a file keeps scans, the
+page has a slider that shows the map as it was, to all who look. Serves until SIGINT (Ctrl-C) or
+SIGTERM. Exit status: 0 ended by signal, 1 failed, 2 usage.)";
 
 void AddFlags(CLI::App& app, Flags& flags) {
   app.footer(kExamples);

@@ -384,6 +384,11 @@ expect 1 splinemap snapshot --fleet $hub --fleet-map kept --scans kept.splinemap
 expect_text "robot-1: no scans, its map file does not have this layer" err
 expect_text "robot-2: no scans, its map file is damaged" err
 expect 0 splinemap diff kept.splinemap three.splinemap
+# One without scans.
+expect 0 splinemap snapshot --fleet $hub --fleet-map kept --robot robot-1 bare.splinemap
+fleet_put robot-1.splinemap $hub kept file bare.splinemap
+expect 1 splinemap snapshot --fleet $hub --fleet-map kept --scans --robot robot-1 one.splinemap --force
+expect_text "robot-1: no scans, its map file keeps none" err
 
 # --- what copies of map files are for
 contents() { splinemap layers "$1" --json | jq -c 'map([.name, .hash])'; }
