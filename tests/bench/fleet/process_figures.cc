@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <sstream>
 #include <string>
 
 namespace splinemap::bench {
@@ -30,6 +32,20 @@ double CpuSeconds(pid_t pid) {
     if (file >> of_thread_ns) running_ns += of_thread_ns;
   });
   return 1e-9 * static_cast<double>(running_ns);
+}
+
+double CpuSecondsOfAll(pid_t pid) {
+  std::ifstream file(fmt::format("/proc/{}/stat", pid));
+  std::string text;
+  std::getline(file, text);
+  // Behind the name, which may have spaces: the state, 10 numbers, and then these two (proc(5)).
+  std::istringstream fields(text.substr(std::min(text.rfind(')') + 1, text.size())));
+  std::string skipped;
+  for (int k = 0; k < 11; ++k) fields >> skipped;
+  double user = 0;
+  double system = 0;
+  fields >> user >> system;
+  return (user + system) / static_cast<double>(sysconf(_SC_CLK_TCK));
 }
 
 int64_t Wakeups(pid_t pid) {

@@ -133,14 +133,14 @@ absl::Status Run(const Flags& flags) {
     robots.emplace_back([&] {
       std::this_thread::sleep_until(begin + (end - begin) / 2);
       for (size_t k = 0; k < flags.servers.size(); ++k) {
-        cpu_s[k] = CpuSeconds(flags.servers[k]);
+        cpu_s[k] = CpuSecondsOfAll(flags.servers[k]);
       }
-      own_s = CpuSeconds(getpid());
+      own_s = CpuSecondsOfAll(getpid());
       std::this_thread::sleep_until(end);
       for (size_t k = 0; k < flags.servers.size(); ++k) {
-        cpu_s[k] = CpuSeconds(flags.servers[k]) - cpu_s[k];
+        cpu_s[k] = CpuSecondsOfAll(flags.servers[k]) - cpu_s[k];
       }
-      own_s = CpuSeconds(getpid()) - own_s;
+      own_s = CpuSecondsOfAll(getpid()) - own_s;
     });
     for (int robot = 0; robot < flags.robots; ++robot) {
       robots.emplace_back(

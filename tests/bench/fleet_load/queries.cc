@@ -69,7 +69,7 @@ absl::Status Measure(const Flags& flags, const std::string& name,
     SPLINEMAP_ASSIGN_OR_RETURN(maps.emplace_back(), FleetMap::Connect(flags.fleet, kDeadline));
   }
   std::vector<double> cpu_before;
-  for (const pid_t worker : flags.workers) cpu_before.push_back(CpuSeconds(worker));
+  for (const pid_t worker : flags.workers) cpu_before.push_back(CpuSecondsOfAll(worker));
   std::mutex mutex;
   std::vector<double> took_ms;
   absl::Status failed;
@@ -101,8 +101,8 @@ absl::Status Measure(const Flags& flags, const std::string& name,
   std::sort(took_ms.begin(), took_ms.end());
   std::string cpu;
   for (size_t k = 0; k < flags.workers.size(); ++k) {
-    cpu +=
-        fmt::format(" {:.0f} %", (CpuSeconds(flags.workers[k]) - cpu_before[k]) / passed_s * 100);
+    cpu += fmt::format(" {:.0f} %",
+                       (CpuSecondsOfAll(flags.workers[k]) - cpu_before[k]) / passed_s * 100);
   }
   fmt::print("{:<24} {:>8.0f}/s {:>8.2f} ms median {:>8.2f} ms for 99 %   workers:{}\n", name,
              static_cast<double>(took_ms.size()) / passed_s, took_ms[took_ms.size() / 2],
