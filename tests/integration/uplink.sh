@@ -33,10 +33,10 @@ finish() {
     fail "$1 took longer than 2 s to end: $(cat "$1.log")"
 }
 bus_of() { echo "udpm://239.255.76.67:$((7700 + $1))?ttl=0&recv_buf_size=2000000"; }
-# start_robot K NAME [FLAG..]: on the bus K and NAME.splinemap.
+# start_robot K NAME [FLAG..]: on the bus K, or $bus, and NAME.splinemap.
 start_robot() {
   rm -f "robot$1.log"
-  splinemapd --scan LASER --pose POSE --name "$2" --lcm-url "$(bus_of "$1")" "${@:3}" 2> "robot$1.log" &
+  splinemapd --scan LASER --pose POSE --name "$2" --lcm-url "$(bus_of "${bus:-$1}")" "${@:3}" 2> "robot$1.log" &
   process[robot$1]=$!
   await grep -q "listening on POSE" "robot$1.log"
 }
@@ -61,8 +61,9 @@ in_file() { splinemap layers "$1.splinemap" --json 2> /dev/null | one_layer "$2"
 in_fleet() { splinemap layers --fleet $hub --json --timeout 5 2> /dev/null | one_layer "$1"; }
 is_up() { [[ $(in_file "$1" "$1") == "$(in_fleet "$1")" && $(in_fleet "$1") != '[]' ]]; }  # NAME
 # live K NAME FIELD: of a layer, as the daemon of robot K has it.
+robot=([1]=one [2]=two)
 live() {
-  splinemap layers --live --lcm-url "$(bus_of "$1")" --timeout 1 --json 2> /dev/null |
+  splinemap layers --live --lcm-url "$(bus_of "$1")" --robot "${robot[$1]}" --timeout 1 --json 2> /dev/null |
     jq -r ".[0].layers[] | select(.name == \"$2\") | $3"
 }
 is_live() { [[ $(live "$1" "$2" "$3") == "$4" ]]; }
@@ -206,6 +207,27 @@ is_later() { [[ $(in_file "$1" "$1" | jq '.[0][1] > '"${session[$1]}") == true ]
 await is_later one
 await is_later two
 await has_one
+
+# --- while a robot is heard on the bus nothing else is believed of it; when it has gone, the fleet
+finish robot1
+finish uplink1
+cp one.splinemap moved.splinemap
+bus=2 start_robot 5 one
+await is_live 2 one .state live
+for _ in 1 2; do  # two sessions elsewhere
+  start_robot 6 one --map moved.splinemap
+  finish robot6
+done
+expect 0 fleet_put moved.splinemap $hub map
+sleep 1
+[[ $(live 2 one .session_number) == "$(in_file one one | jq '.[0][1]')" ]] || fail "one was heard, and is not believed"
+finish robot5 KILL
+has_moved() { [[ $(in_file two one) == "$(in_file moved one)" ]]; }
+await has_moved
+rm -f one.splinemap*
+mv moved.splinemap one.splinemap
+start_robot 1 one
+start_uplink 1
 
 # --- two robots with copies of one file; it takes until one looks
 finish robot1
