@@ -182,7 +182,7 @@ await has_one
 # --- older copies of map files, while an uplink runs (one), and before it starts (two)
 await is_up two
 for name in one two; do expect 0 splinemap backup $name.splinemap older_$name.splinemap; done
-for _ in 1 2 3; do  # sessions that the copies know nothing of
+for _ in 1 2; do  # sessions that the copies know nothing of
   finish robot1
   finish robot2
   start_robot 1 one

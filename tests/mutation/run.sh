@@ -165,6 +165,10 @@ mutate nothing_swings_over "$placed" 'std::clamp<int64_t>\(value, least, greates
 mutate part_is_compared "$follower" 'checked->second == hash' 'true'
 mutate part_ends_where_it_ends "$follower" 'if \(IsOutside\(child\)\) return true;' ''
 mutate levels_are_kept_while_asked_for "$follower" '\*next_renewal_ <= now \|\|' ''
+mutate who_is_heard_is_not_adopted "$follower" '\(layer\.session < \*session_ \|\| !OwnerIsSilent\(now\)\)' '(layer.session < *session_)'
+mutate an_older_session_is_not_adopted "$follower" '\(layer\.session < \*session_ \|\| !OwnerIsSilent\(now\)\)' '(!OwnerIsSilent(now))'
+mutate older_tiles_are_not_adopted "$follower" ' \|\| \(ours != nullptr && ours->revision >= theirs->revision\)' ''
+mutate removed_layers_are_not_adopted "$following" '!IsFollowed\(layer\.id\) \|\| settings\(\)\.Of\(layer\.id\)\.IsRemoved\(layer\.session\)' '!IsFollowed(layer.id)'
 mutate levels_are_given_up "$pyramid" 'now - asked\.second\.last > kLevelLease' 'false'
 mutate levels_follow_changes lib/layers/layer_pyramid.cc '\(key\.tx & 1\) != 0 \? 1 : -1' '(key.tx & 1) != 0 ? -1 : 1'
 
