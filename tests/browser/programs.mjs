@@ -2,7 +2,7 @@
 import { spawn, spawnSync } from "node:child_process";
 import { setTimeout as sleep } from "node:timers/promises";
 
-const kLongest_ms = 20_000;
+const kLongest_ms = 60_000;
 
 // Until it gives something true, which is returned; `what` is told where it never does.
 export async function until(what, condition) {
@@ -10,7 +10,7 @@ export async function until(what, condition) {
   for (;;) {
     const found = await condition();
     if (found) return found;
-    if (Date.now() > deadline_ms) throw new Error(`did not come true in 20 s: ${what}`);
+    if (Date.now() > deadline_ms) throw new Error(`did not come true in 60 s: ${what}`);
     await sleep(50);
   }
 }
