@@ -176,10 +176,9 @@ std::string WhatServerMayLose(const std::string& version) {
   }
   if (!IsAtLeast(version, {2, 10, 0})) {
     return fmt::format(
-        "nats-server {} writes to disk once a minute: where the power of all servers fails, they "
-        "forget up to a minute of what they acknowledged. Robots that are in touch fill it in "
-        "again within half a minute, the others when they are; nats-server 2.12.4 or later with "
-        "sync_interval: always does not forget",
+        "nats-server {} loses acknowledged writes at times when a server is killed, and up to a "
+        "minute of them where the power of all servers fails. Robots keep their maps; nats-server "
+        "2.12.4 or later with sync_interval: always is better",
         version);
   }
   return fmt::format(
