@@ -30,6 +30,8 @@ source deploy/packages.sh
 # shellcheck source=deploy/time_taken.sh
 source deploy/time_taken.sh
 install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" "${TEST_PACKAGES[@]}"
+deploy/fleet/newer_server.sh > /dev/null ||
+  echo "The fleet is tested with the nats-server that is installed." >&2
 
 configure() {
   [[ -f build/$1/build.ninja ]] || cmake --preset "$1"

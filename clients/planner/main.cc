@@ -137,6 +137,7 @@ class PlannerNode {
       bus_.Handle(kTick);
       ReportNews();
     }
+    map_.Use(replica->View());  // whether or not it has been told of
     while (true) {
       // All that came while it planned, so that it begins where the robot is.
       for (auto wait = kTick; bus_.Handle(wait) == LcmBus::Handled::kMessage;) wait = {};
@@ -151,6 +152,7 @@ class PlannerNode {
 
  private:
   static constexpr std::chrono::milliseconds kTick{2};
+  static constexpr std::chrono::seconds kTryAgain{5};
 
   void Subscribe(const std::string& channel, std::function<void(const Pose2&)> take) {
     bus_.Subscribe(channel, [channel, take](const std::string&, absl::Span<const uint8_t> bytes) {
@@ -171,9 +173,11 @@ class PlannerNode {
     is_goal_new_ = true;
   }
 
-  // For a new goal, where the path is blocked now, and where there was none and the map is another.
+  // For a new goal, where the path is blocked now, and where there was none: if the map is another,
+  // and now and then, since a search that ends after a time may have missed a way.
   absl::StatusOr<bool> NeedsPlan(const std::optional<Changes::Change>& change) const {
-    if (is_goal_new_ || (change && path_.empty())) return true;
+    if (is_goal_new_) return true;
+    if (path_.empty()) return change || Clock::now() - planned_at_ > kTryAgain;
     if (!change || !Touches(path_, flags_.planner.radius_m, change->region)) return false;
     SPLINEMAP_ASSIGN_OR_RETURN(const bool is_free, IsFree(map_, path_, flags_.planner.radius_m));
     return !is_free;
@@ -184,6 +188,7 @@ class PlannerNode {
     absl::StatusOr<Path> path =
         PlanPath(map_, Mapped(*map_.View()), start_->position_m, goal_->position_m, flags_.planner);
     if (!path.ok() && !absl::IsNotFound(path.status())) return path.status();
+    planned_at_ = Clock::now();
     const bool is_replanned = !is_goal_new_ && !path_.empty();
     const bool is_news = is_goal_new_ || path.ok() || is_replanned;
     is_goal_new_ = false;
@@ -215,6 +220,7 @@ class PlannerNode {
   std::optional<Pose2> goal_;
   bool is_goal_new_ = false;
   Path path_;  // the last that was published; empty where there was no way
+  Clock::time_point planned_at_;
 };
 
 absl::Status Run(Flags flags) {

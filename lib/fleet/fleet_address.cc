@@ -177,8 +177,8 @@ std::string WhatServerMayLose(const std::string& version) {
   if (!IsAtLeast(version, {2, 10, 0})) {
     return fmt::format(
         "nats-server {} loses acknowledged writes at times when a server is killed, and up to a "
-        "minute of them where the power of all servers fails. Robots keep their maps; nats-server "
-        "2.12.4 or later with sync_interval: always is better",
+        "minute of them where the power of all servers fails. Robots keep their maps; "
+        "deploy/fleet/newer_server.sh fetches a better one",
         version);
   }
   return fmt::format(

@@ -1,17 +1,17 @@
 #pragma once
 
+#include <chrono>
+#include <functional>
 #include <memory>
 #include <string>
 
 #include "absl/status/statusor.h"
-#include "lib/base/mutex.h"
 #include "lib/fleet/fleet_address.h"
 #include "lib/fleet/fleet_store.h"
 
-typedef struct __natsConnection natsConnection;
-typedef struct __jsCtx jsCtx;
-
 namespace splinemap {
+
+class NatsConnection;
 
 // A bucket of NATS JetStream. What is written is stored on all servers of the bucket's group, or on
 // most of them, before it is acknowledged; changes come as messages that the engine publishes after
@@ -56,18 +56,14 @@ class NatsFleetStore : public FleetStore {
   bool IsClosed() const;
   // Why it does not work at the moment; empty while it does.
   std::string Problem() const;
-  const FleetAddress& address() const { return address_; }
+  const FleetAddress& address() const;
 
  private:
-  struct State;
-  explicit NatsFleetStore(FleetAddress address);
+  explicit NatsFleetStore(NatsConnection& connection) : connection_(connection) {}
 
-  absl::Status StatusOf(int status, const std::string& what) const;
-  std::string Refused() const;
   std::string SubjectOf(const std::string& key) const;
 
-  const FleetAddress address_;
-  const std::shared_ptr<State> state_;
+  NatsConnection& connection_;
 };
 
 }  // namespace splinemap
