@@ -19,8 +19,7 @@ case ${1:-} in
   -h | --help) usage; exit 0 ;;
   -*) usage >&2; exit 2 ;;
 esac
-cd "$(dirname "$0")/../.."
-folder=${1:-build/nats-server}
+folder=${1:-$(dirname "$0")/../../build/nats-server}
 mkdir -p "$folder"
 folder=$(realpath "$folder")
 programs=$folder/usr/sbin
@@ -34,17 +33,18 @@ fi
 archive=$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' 2> /dev/null |
   grep -m 1 '/debian/*$' || true)
 keys=/usr/share/keyrings/debian-archive-keyring.gpg
-if [[ ! -f $keys ]]; then
-  echo "newer_server.sh: $keys is not there: this is no Debian, or debian-archive-keyring is missing" >&2
+if [[ -z $archive || ! -f $keys ]]; then
+  echo "newer_server.sh: apt has no Debian archive here, or $keys is not there" >&2
   exit 1
 fi
 state=$(mktemp -d)
 trap 'rm -rf "$state"' EXIT
 mkdir -p "$state"/{lists,cache/archives}/partial
-echo "deb [signed-by=$keys] ${archive:-https://deb.debian.org/debian} trixie main" > "$state/sources.list"
+echo "deb [signed-by=$keys] $archive trixie main" > "$state/sources.list"
 options=(-qq -o "Dir::Etc::SourceList=$state/sources.list" -o Dir::Etc::SourceParts=/dev/null
   -o "Dir::State::Lists=$state/lists" -o "Dir::Cache=$state/cache" -o "APT::Sandbox::User=$(id -un)")
-if ! { apt-get "${options[@]}" update && (cd "$folder" && apt-get "${options[@]}" download nats-server); }; then
+if ! apt-get "${options[@]}" update ||
+  ! (cd "$folder" && apt-get "${options[@]}" download nats-server); then
   echo "newer_server.sh: nats-server of Debian 13 cannot be fetched" >&2
   exit 1
 fi

@@ -9,11 +9,8 @@
 
 #include "absl/strings/match.h"
 #include "absl/strings/numbers.h"
-#include "absl/strings/str_split.h"
 #include "lib/base/clock.h"
-#include "lib/base/plain_text.h"
 #include "lib/base/status.h"
-#include "lib/fleet/fleet_key.h"
 #include "lib/fleet/nats_connection.h"
 #include "lib/fleet/nats_handle.h"
 #include "lib/fleet/nats_subscription.h"

@@ -13,7 +13,6 @@ struct NatsFree {
   void operator()(natsMsg* message) const { natsMsg_Destroy(message); }
   void operator()(natsSubscription* subscription) const { natsSubscription_Destroy(subscription); }
   void operator()(jsCtx* context) const { jsCtx_Destroy(context); }
-  void operator()(jsPubAck* ack) const { jsPubAck_Destroy(ack); }
 };
 template <typename T>
 using NatsHandle = std::unique_ptr<T, NatsFree>;
