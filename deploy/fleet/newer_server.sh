@@ -42,7 +42,8 @@ trap 'rm -rf "$state"' EXIT
 mkdir -p "$state"/{lists,cache/archives}/partial
 echo "deb [signed-by=$keys] $archive trixie main" > "$state/sources.list"
 options=(-qq -o "Dir::Etc::SourceList=$state/sources.list" -o Dir::Etc::SourceParts=/dev/null
-  -o "Dir::State::Lists=$state/lists" -o "Dir::Cache=$state/cache" -o "APT::Sandbox::User=$(id -un)")
+  -o "Dir::State::Lists=$state/lists" -o "Dir::Cache=$state/cache"
+  -o "APT::Sandbox::User=$(id -un)")
 if ! apt-get "${options[@]}" update ||
   ! (cd "$folder" && apt-get "${options[@]}" download nats-server); then
   echo "newer_server.sh: nats-server of Debian 13 cannot be fetched" >&2
