@@ -23,8 +23,6 @@ BeamModel::BeamModel(const BeamModelOptions& options, double knot_interval_m,
       paper_lines_(
           options.kappa_free * ScanScratch::kUnitsPerLogOdds / options.free_sample_spacing_knots,
           Footprint::kNormalizedBasis),
-      free_lines_(SignedDistance::kWeightPerKnot, Footprint::kBasis),
-      face_lines_(SignedDistance::kWeightPerKnot),
       faces_(knots_per_m_, kernel) {}
 
 BeamModel::WeightTable BeamModel::MakeTable(double scale) {
@@ -47,7 +45,7 @@ void BeamModel::Accumulate(absl::Span<const PlacedBeam> beams, ScanScratch& scra
 }
 
 void BeamModel::AddSignedDistances(absl::Span<const PlacedBeam> beams, ScanScratch& scratch) {
-  scratch.AddFaceLines(beams, faces_.Find(beams), knots_per_m_, free_lines_, face_lines_);
+  scratch.AddFaceLines(beams, faces_.Find(beams), knots_per_m_);
 }
 
 void BeamModel::AddPaperUpdates(absl::Span<const PlacedBeam> beams, ScanScratch& scratch) {

@@ -44,8 +44,6 @@ class BeamModel {
   WeightTable hit_weights_;   // the same times kappa_hit, in units of the scratch
   WeightTable free_weights_;  // and times kappa_free
   FreeLineTable<int32_t> paper_lines_;
-  FreeLineTable<uint16_t> free_lines_;
-  FaceLineTable face_lines_;
 
   FaceFinder faces_;
 

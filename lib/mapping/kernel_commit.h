@@ -162,12 +162,6 @@ struct Votes {
     const auto first = Load<Sums>(some);
     const auto second = Load<Sums>(some + kLanes / 2);
     const auto free_weight = Load<HalfWeights>(free + half * kLanes);
-    if (IsZero(first | second)) {
-      distances[half] = ControlPoints{} + SignedDistance::kFree;
-      weights[half] = reinterpret_cast<ControlPoints>(free_weight < kMost ? free_weight
-                                                                          : HalfWeights{} + kMost);
-      continue;
-    }
     Store(Sums{}, some);
     Store(Sums{}, some + kLanes / 2);
     Sums weight;
@@ -200,26 +194,70 @@ struct Votes {
   return votes.weight == 0 ? old : result;
 }
 
-bool CommitDistances(uint16_t* free, uint32_t groups, FaceSum* faces, uint32_t face_groups,
-                     ControlLimits limits, const ControlPoint* from, ControlPoint* to) {
+// Which four of the control points of a register are settled, by what all rows of their cells
+// have of kBeyondSettled.
+[[gnu::always_inline]] inline TileCells SettledCellsOf(WholeWeights any) {
+  using Cells [[gnu::vector_size(4 * kLanes)]] = uint64_t;
+  const auto beyond = reinterpret_cast<Cells>(any & kBeyondSettled);
+#if defined(__AVX512F__)
+  return _mm512_testn_epi64_mask(reinterpret_cast<__m512i>(beyond),
+                                 reinterpret_cast<__m512i>(beyond));
+#elif defined(__AVX2__)
+  const __m256i is_zero =
+      _mm256_cmpeq_epi64(reinterpret_cast<__m256i>(beyond), _mm256_setzero_si256());
+  return static_cast<TileCells>(_mm256_movemask_pd(_mm256_castsi256_pd(is_zero)));
+#else
+  return TileCells{beyond[0] == 0} | TileCells{beyond[1] == 0} << 1;
+#endif
+}
+
+bool CommitDistances(uint16_t* free, uint32_t groups, FaceSum* faces, TileCells face_cells,
+                     ControlLimits limits, const ControlPoint* from, ControlPoint* to,
+                     TileCells& settled) {
   constexpr int kWhole = 2 * kLanes;
+  constexpr int kCell = 4;
+  static_assert(kRowsPerGroup == kCell);
+  constexpr TileCells kCellsOfWhole = (TileCells{1} << (kWhole / kCell)) - 1;
   WholeControlPoints is_changed{};
-  for (int row = 0; row < kSide; ++row, from += kSide, to += kSide) {
-    const int group = row / kRowsPerGroup;
-    if ((groups >> group & 1) == 0) {
-      __builtin_memcpy(to, from, kSide * sizeof *to);
-      continue;
-    }
+  for (int group = 0; group < RowGroups::kPerTile; ++group) {
+    if ((groups >> group & 1) == 0) continue;
+    const TileCells of_group = face_cells >> (8 * group) & 255;
     for (int k = 0; k < kSide; k += kWhole) {
-      uint16_t* const some = free + row * kStride<uint16_t> + k;
-      const bool has_faces = (face_groups >> group & 1) != 0;
-      const Votes votes =
-          has_faces ? TakeVotes(some, faces + row * kStride<FaceSum> + k) : VotesOfFree(some);
-      Store(WholeWeights{}, some);
-      const auto old = Load<WholeControlPoints>(from + k);
-      const WholeControlPoints result = Averaged(votes, old, limits);
-      is_changed |= result ^ old;
-      Store(result, to + k);
+      // Four rows of a register each.
+      const int first_row = kRowsPerGroup * group;
+      uint16_t* const some = free + first_row * kStride<uint16_t> + k;
+      const int place = first_row * kSide + k;
+      const bool has_faces = (of_group >> (k / kCell) & kCellsOfWhole) != 0;
+      if (!has_faces && IsZero(Load<Sums>(some) | Load<Sums>(some + kStride<uint16_t>) |
+                               Load<Sums>(some + 2 * kStride<uint16_t>) |
+                               Load<Sums>(some + 3 * kStride<uint16_t>))) {
+        for (int row = 0; row < kRowsPerGroup; ++row) {
+          Store(Load<WholeControlPoints>(from + place + row * kSide), to + place + row * kSide);
+        }
+        continue;
+      }
+      WholeWeights any{};
+      const auto commit_row = [&](int row, const Votes& votes) {
+        Store(WholeWeights{}, some + row * kStride<uint16_t>);
+        const auto old = Load<WholeControlPoints>(from + place + row * kSide);
+        const WholeControlPoints result = Averaged(votes, old, limits);
+        is_changed |= result ^ old;
+        any |= reinterpret_cast<WholeWeights>(result) + kToSettled;
+        Store(result, to + place + row * kSide);
+      };
+      if (has_faces) {
+        FaceSum* const some_faces = faces + first_row * kStride<FaceSum> + k;
+        for (int row = 0; row < kRowsPerGroup; ++row) {
+          commit_row(
+              row, TakeVotes(some + row * kStride<uint16_t>, some_faces + row * kStride<FaceSum>));
+        }
+      } else {
+        for (int row = 0; row < kRowsPerGroup; ++row) {
+          commit_row(row, VotesOfFree(some + row * kStride<uint16_t>));
+        }
+      }
+      const int shift = 8 * group + k / kCell;
+      settled = (settled & ~(kCellsOfWhole << shift)) | SettledCellsOf(any) << shift;
     }
   }
   return !IsZero(reinterpret_cast<Sums>(is_changed));

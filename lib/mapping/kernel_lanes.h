@@ -167,11 +167,6 @@ ControlPoints Narrow(Sums v) {
 #endif
 }
 
-int32_t Least(int32_t a, int32_t b, int32_t c) {
-  const int32_t least = a < b ? a : b;
-  return least < c ? least : c;
-}
-
 // The groups that a range of rows lies in.
 uint32_t GroupsOf(int32_t first_row, int32_t last_row) {
   return (2u << (last_row / kRowsPerGroup)) - (1u << (first_row / kRowsPerGroup));

@@ -100,7 +100,7 @@ struct SignedDistance {
   // A scan's share of a control point is weight / 2^kForgetBits, so at most a quarter.
   static constexpr int kForgetBits = 13;
   // The values of a control point that is free, and that is occupied; 0 is the face.
-  static constexpr int kFree = -8 * kUnitsPerLogOdds;
+  static constexpr int kFree = kFreeControlPoint;
   static constexpr int kOccupied = 6 * kUnitsPerLogOdds;
   static_assert(kFree * kBackKnots == -kOccupied * kFrontKnots);
 };
@@ -145,7 +145,8 @@ struct ScanKernel {
                                    FreeLine* shallow_lines, FaceLine* steep_faces,
                                    FaceLine* shallow_faces);
 
-  // The tables are the data() of a FreeLineTable and a FaceLineTable.
+  // The tables are the data() of a FreeLineTable and a FaceLineTable. Free lines leave out what
+  // their blocks say is settled.
   void (*add_lines)(const FreeLine* lines, size_t count, const int32_t* table,
                     SumPlane<int32_t>& plane);
   void (*add_free_lines)(const FreeLine* lines, size_t count, const uint16_t* table,
@@ -164,11 +165,13 @@ struct ScanKernel {
   // control_points[Tile::kSize]; a sum that rounds to 0 leaves its control point as it was.
   void (*commit)(int32_t* sums, ControlLimits limits, ControlLimits scan_limits,
                  ControlPoint* control_points);
-  // Moves the sums of a tile into control points: `to` becomes what they make of `from`. Whether
-  // that is a change. See SignedDistance. Requires that groups of rows with faces, null where there
-  // are none, are among those of `free`.
-  bool (*commit_distances)(uint16_t* free, uint32_t groups, FaceSum* faces, uint32_t face_groups,
-                           ControlLimits limits, const ControlPoint* from, ControlPoint* to);
+  // Moves the sums of a tile into control points: the groups of rows of `to` become what they make
+  // of those of `from`; others stay. Whether that is a change. See SignedDistance. `faces` are in
+  // `face_cells` only, which are in `groups`; null where there are none. `settled` goes on from
+  // SettledCellsOf() the tile before to that of the tile after.
+  bool (*commit_distances)(uint16_t* free, uint32_t groups, FaceSum* faces, TileCells face_cells,
+                           ControlLimits limits, const ControlPoint* from, ControlPoint* to,
+                           TileCells& settled);
 };
 
 // Those that this processor can run, the plain one first, the fastest last.

@@ -1,6 +1,8 @@
 #include "lib/mapping/scan_scratch.h"
 
+#include <algorithm>
 #include <cstring>
+#include <utility>
 
 #include "lib/mapping/beam_memory.h"
 
@@ -20,17 +22,6 @@ struct TouchedTile {
   Sum* sums;
   uint32_t groups;
 };
-
-// Null and no groups where there is none.
-template <typename Sum>
-TouchedTile<Sum> Find(SumPlane<Sum>& plane, int32_t tx, int32_t ty) {
-  using Block = SumBlock<Sum>;
-  Block* block = plane.Find(tx >> Block::kAcrossBits, ty >> Block::kUpBits);
-  if (block == nullptr) return {tx, ty, nullptr, 0};
-  const int across = tx & (Block::kAcross - 1);
-  const int up = ty & (Block::kUp - 1);
-  return {tx, ty, block->TileAt(across, up), GroupsOf(block->touched[across], up)};
-}
 
 // Finds or makes the sums of a tile, and marks groups of its rows as touched.
 template <typename Sum>
@@ -67,6 +58,72 @@ void ForEachTouched(SumPlane<Sum>& plane, Visitor visit) {
   ForEachTouched(plane, 0, SumBlock<Sum>::kAcross, visit);
 }
 
+// Rows and columns of an 8 x 8 matrix of bits exchanged, by blocks of 1, 2 and 4.
+TileCells Transposed(TileCells cells) {
+  const auto exchange = [&](int way, TileCells upper_right) {
+    const TileCells different = (cells ^ cells >> way) & upper_right;
+    cells ^= different ^ different << way;
+  };
+  exchange(7, 0x00aa00aa00aa00aa);
+  exchange(14, 0x0000cccc0000cccc);
+  exchange(28, 0x00000000f0f0f0f0);
+  return cells;
+}
+
+// Sets the marks of a block by the cells that are settled of the tiles (tx, ty) of its plane.
+template <typename CellsOf>
+void MarkSettled(CellsOf cells_of, SumBlock<uint16_t>& block) {
+  using Block = SumBlock<uint16_t>;
+  uint64_t cells[SettledCells::kRows] = {};
+  for (int up = 0; up < Block::kUp; ++up) {
+    for (int across = 0; across <= Block::kAcross; ++across) {  // the apron, too
+      const TileCells of_tile =
+          cells_of(block.column * Block::kAcross + across, block.row * Block::kUp + up);
+      if (of_tile == 0) continue;
+      for (int k = 0; k < 8; ++k) cells[8 * up + k] |= (of_tile >> (8 * k) & 255) << (8 * across);
+    }
+  }
+  block.marks.Set(cells);
+}
+
+// The cells of a tile of a block that there are faces in, and those of its apron.
+std::pair<TileCells, TileCells> FaceCellsOf(const SumBlock<FaceSum>& block, int up) {
+  std::pair<TileCells, TileCells> cells;
+  for (int k = 0; k < 8; ++k) {
+    const TileCells row = block.marks.of_row[8 * up + k];
+    cells.first |= (row & 255) << (8 * k);
+    cells.second |= (row >> 8) << (8 * k);
+  }
+  return cells;
+}
+
+// Sets the cells of tiles that there are faces in, in the upright plane.
+void CollectFaceCells(const SumPlane<FaceSum>& transposed, SumPlane<FaceSum>& upright) {
+  using Block = SumBlock<FaceSum>;
+  const auto add = [&](int32_t tx, int32_t ty, TileCells cells) {
+    if (cells == 0) return;
+    upright.At(tx, ty >> Block::kUpBits)->marks.of_tile[ty & (Block::kUp - 1)] |= cells;
+  };
+  for (size_t n = 0; n < transposed.size(); ++n) {
+    const Block& block = transposed.block(n);
+    for (int up = 0; up < Block::kUp; ++up) {
+      const auto [cells, of_apron] = FaceCellsOf(block, up);
+      const int32_t tx = block.row * Block::kUp + up;
+      add(tx, block.column, Transposed(cells));
+      add(tx, block.column + 1, Transposed(of_apron));
+    }
+  }
+  const size_t count = upright.size();
+  for (size_t n = 0; n < count; ++n) {
+    Block& block = upright.block(n);
+    for (int up = 0; up < Block::kUp; ++up) {
+      const auto [cells, of_apron] = FaceCellsOf(block, up);
+      block.marks.of_tile[up] |= cells;
+      add(block.column + 1, block.row * Block::kUp + up, of_apron);
+    }
+  }
+}
+
 // What cannot be read, which its source tells, stays as it is: no scan writes over it.
 bool IsReadable(const TileTreeEditor& tiles, TileKey key) {
   const StoredTile* tile = tiles.tree().Find(key);
@@ -86,34 +143,35 @@ int32_t& ScanScratch::At(int32_t i, int32_t j) {
 
 void ScanScratch::AddFreeLines(absl::Span<const PlacedBeam> beams, const FreeLineModel& model,
                                const FreeLineTable<int32_t>& table) {
-  if (steep_lines_.size() <= beams.size()) {
-    steep_lines_.resize(beams.size() + 1);
-    shallow_lines_.resize(beams.size() + 1);
-  }
-  const LineCounts counts = kernel_.set_lines(MemoryOf(beams), beams.size(), model,
-                                              steep_lines_.data(), shallow_lines_.data());
-  kernel_.add_lines(steep_lines_.data(), counts.steep, table.data(), log_odds_.upright);
-  kernel_.add_lines(shallow_lines_.data(), counts.shallow, table.data(), log_odds_.transposed);
+  Lines<FreeLine>& lines = free_lines_;
+  lines.MakeSpace(beams.size());
+  FreeLine* const steep = &lines.steep[lines.num_steep];
+  FreeLine* const shallow = &lines.shallow[lines.num_shallow];
+  const LineCounts counts = kernel_.set_lines(MemoryOf(beams), beams.size(), model, steep, shallow);
+  kernel_.add_lines(steep, counts.steep, table.data(), log_odds_.upright);
+  kernel_.add_lines(shallow, counts.shallow, table.data(), log_odds_.transposed);
 }
 
 void ScanScratch::AddFaceLines(absl::Span<const PlacedBeam> beams, absl::Span<const Face> faces,
-                               double knots_per_m, const FreeLineTable<uint16_t>& free_table,
-                               const FaceLineTable& face_table) {
-  if (steep_faces_.size() <= beams.size()) {
-    steep_lines_.resize(beams.size() + 1);
-    shallow_lines_.resize(beams.size() + 1);
-    steep_faces_.resize(beams.size() + 1);
-    shallow_faces_.resize(beams.size() + 1);
-  }
+                               double knots_per_m) {
+  free_lines_.MakeSpace(beams.size());
+  face_lines_.MakeSpace(beams.size());
   const ScanKernel::FaceLineCounts counts = kernel_.set_face_lines(
-      MemoryOf(beams), faces.data(), beams.size(), knots_per_m, steep_lines_.data(),
-      shallow_lines_.data(), steep_faces_.data(), shallow_faces_.data());
-  kernel_.add_free_lines(steep_lines_.data(), counts.free.steep, free_table.data(), free_.upright);
-  kernel_.add_free_lines(shallow_lines_.data(), counts.free.shallow, free_table.data(),
-                         free_.transposed);
-  kernel_.add_faces(steep_faces_.data(), counts.face.steep, face_table.data(), faces_.upright);
-  kernel_.add_faces(shallow_faces_.data(), counts.face.shallow, face_table.data(),
-                    faces_.transposed);
+      MemoryOf(beams), faces.data(), beams.size(), knots_per_m,
+      &free_lines_.steep[free_lines_.num_steep], &free_lines_.shallow[free_lines_.num_shallow],
+      &face_lines_.steep[face_lines_.num_steep], &face_lines_.shallow[face_lines_.num_shallow]);
+  free_lines_.num_steep += counts.free.steep;
+  free_lines_.num_shallow += counts.free.shallow;
+  face_lines_.num_steep += counts.face.steep;
+  face_lines_.num_shallow += counts.face.shallow;
+}
+
+template <typename Line>
+void ScanScratch::Lines<Line>::MakeSpace(size_t count) {
+  const size_t needed = std::max(num_steep, num_shallow) + count + 1;
+  if (steep.size() >= needed) return;
+  steep.resize(needed);
+  shallow.resize(needed);
 }
 
 void ScanScratch::CommitTo(Layer& layer, ControlLimits limits, ControlLimits scan_limits) {
@@ -144,27 +202,80 @@ void ScanScratch::CommitSums(const Commit& commit, ControlLimits scan_limits) {
 }
 
 void ScanScratch::CommitDistances(const Commit& commit) {
-  static const Tile kUntouched;
+  static const auto kUntouched = std::make_shared<const Tile>();
   Tile result;
-  Collect(kernel_.free, free_);
-  Collect(kernel_.faces, faces_);
+  AddUnsettledLines(commit);
   ForEachTouched(faces_.upright, [&](TouchedTile<FaceSum> tile) {
     Touch(free_.upright, tile.tx, tile.ty, tile.groups);
   });
   ForEachTouched(free_.upright, [&](TouchedTile<uint16_t> tile) {
     const TileKey key{tile.tx, tile.ty};
-    const TouchedTile<FaceSum> faces = Find(faces_.upright, tile.tx, tile.ty);
-    const std::shared_ptr<const Tile> from = FindTile(commit.tiles.tree(), key);
+    SumBlock<FaceSum>* const faces =
+        faces_.upright.Find(tile.tx, tile.ty >> SumBlock<FaceSum>::kUpBits);
+    const int up = tile.ty & (SumBlock<FaceSum>::kUp - 1);
+    const StoredTile* const stored = commit.tiles.tree().Find(key);
+    std::shared_ptr<const Tile> from = stored == nullptr ? kUntouched : stored->TryGet();
+    // What cannot be read, which its source tells, stays as it is: no scan writes over it.
+    const bool is_readable = from != nullptr;
+    TileCells settled = stored == nullptr ? 0 : stored->SettledCells();
     // Also where the tile is not taken: it clears the sums.
     const bool is_changed = kernel_.commit_distances(
-        tile.sums, tile.groups, faces.sums, faces.groups, commit.limits,
-        (from == nullptr ? kUntouched : *from).control_points.data(), result.control_points.data());
-    if (is_changed && commit.is_taken(key) && IsReadable(commit.tiles, key)) {
-      commit.tiles.Put(key, std::make_shared<const StoredTile>(result), commit.revision);
+        tile.sums, tile.groups, faces == nullptr ? nullptr : faces->TileAt(0, up),
+        faces == nullptr ? 0 : faces->marks.of_tile[up], commit.limits,
+        (is_readable ? *from : *kUntouched).control_points.data(), result.control_points.data(),
+        settled);
+    if (!is_changed || !is_readable || !commit.is_taken(key)) return;
+    from = nullptr;  // so that the tile is written in place where nobody else has it
+    StoredTile& edited = commit.tiles.Edit(key, commit.revision);
+    Tile& tile_now = edited.Edit();
+    for (int group = 0; group < RowGroups::kPerTile; ++group) {
+      constexpr int kPoints = RowGroups::kRows * Tile::kSide;
+      if ((tile.groups >> group & 1) == 0) continue;
+      std::memcpy(&tile_now.control_points[group * kPoints],
+                  &result.control_points[group * kPoints], kPoints * sizeof(ControlPoint));
     }
+    edited.SetSettledCells(settled);
   });
   free_.upright.Clear();
   faces_.upright.Clear();
+}
+
+void ScanScratch::AddUnsettledLines(const Commit& commit) {
+  static const FreeLineTable<uint16_t> free_table(SignedDistance::kWeightPerKnot,
+                                                  Footprint::kBasis);
+  static const FaceLineTable face_table(SignedDistance::kWeightPerKnot);
+  // Faces first: where there are some, nothing is settled.
+  kernel_.add_faces(face_lines_.steep.data(), face_lines_.num_steep, face_table.data(),
+                    faces_.upright);
+  kernel_.add_faces(face_lines_.shallow.data(), face_lines_.num_shallow, face_table.data(),
+                    faces_.transposed);
+  face_lines_.num_steep = face_lines_.num_shallow = 0;
+  CollectFaceCells(faces_.transposed, faces_.upright);
+  Collect(kernel_.faces, faces_);
+
+  const auto add = [&](const std::vector<FreeLine>& lines, size_t count, SumPlane<uint16_t>& plane,
+                       auto cells_of) {
+    plane.OnAdd([&](SumBlock<uint16_t>& block) { MarkSettled(cells_of, block); });
+    kernel_.add_free_lines(lines.data(), count, free_table.data(), plane);
+    plane.OnAdd(nullptr);
+  };
+  add(free_lines_.steep, free_lines_.num_steep, free_.upright, [&](int32_t tx, int32_t ty) {
+    return SettledCellsOf(commit, {tx, ty});
+  });
+  add(free_lines_.shallow, free_lines_.num_shallow, free_.transposed, [&](int32_t tx, int32_t ty) {
+    return Transposed(SettledCellsOf(commit, {ty, tx}));
+  });
+  free_lines_.num_steep = free_lines_.num_shallow = 0;
+  Collect(kernel_.free, free_);
+}
+
+TileCells ScanScratch::SettledCellsOf(const Commit& commit, TileKey key) const {
+  if (commit.limits.min >= kFreeControlPoint || commit.limits.max < 0) return 0;
+  const StoredTile* const tile = commit.tiles.tree().Find(key);
+  if (tile == nullptr) return 0;
+  const SumBlock<FaceSum>* const faces = faces_.upright.Find(key.tx, key.ty >> 2);
+  const TileCells settled = tile->SettledCells();
+  return faces == nullptr ? settled : settled & ~faces->marks.of_tile[key.ty & 3];
 }
 
 template <typename Sum>

@@ -44,8 +44,7 @@ class ScanScratch {
                     const FreeLineTable<int32_t>& table);
   // Beams with a face each, whose signed distances are committed.
   void AddFaceLines(absl::Span<const PlacedBeam> beams, absl::Span<const Face> faces,
-                    double knots_per_m, const FreeLineTable<uint16_t>& free_table,
-                    const FaceLineTable& face_table);
+                    double knots_per_m);
 
   // Brings all sums into the layer as one commit, the results clamped to `limits` (36), and clears
   // the scratch.
@@ -76,6 +75,10 @@ class ScanScratch {
   };
   void CommitSums(const Commit& commit, ControlLimits scan_limits);
   void CommitDistances(const Commit& commit);
+  // The lines of beams, but for what cannot change the tiles any more.
+  void AddUnsettledLines(const Commit& commit);
+  // Of a tile, those that free lines leave out.
+  TileCells SettledCellsOf(const Commit& commit, TileKey key) const;
   // All to `upright`, without aprons.
   template <typename Sum>
   static void Collect(const TileKernel<Sum>& kernel, Planes<Sum>& planes);
@@ -87,11 +90,18 @@ class ScanScratch {
   Planes<uint16_t> free_;
   Planes<FaceSum> faces_;
 
-  // Of the beams at hand; kept for their memory.
-  std::vector<FreeLine> steep_lines_;
-  std::vector<FreeLine> shallow_lines_;
-  std::vector<FaceLine> steep_faces_;
-  std::vector<FaceLine> shallow_faces_;
+  // Lines by the axis that they are steep to. The vectors keep their memory, and have space for one
+  // more, which kernels write.
+  template <typename Line>
+  struct Lines {
+    std::vector<Line> steep;
+    std::vector<Line> shallow;
+    size_t num_steep = 0;
+    size_t num_shallow = 0;
+    void MakeSpace(size_t count);
+  };
+  Lines<FreeLine> free_lines_;  // those of signed distances wait for the commit
+  Lines<FaceLine> face_lines_;
 };
 
 }  // namespace splinemap

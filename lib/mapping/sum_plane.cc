@@ -1,6 +1,22 @@
 #include "lib/mapping/sum_plane.h"
 
+#include <algorithm>
+
 namespace splinemap {
+
+void SettledCells::Set(const uint64_t (&cells)[kRows]) {
+  uint64_t rows[kRows + 2];
+  std::copy_n(cells, kRows, rows);
+  rows[kRows] = rows[kRows + 1] = ~uint64_t{0};  // no line goes on there
+  for (int row = 0; row < kRows; ++row) {
+    const uint64_t one = rows[row] & rows[row + 1] & rows[row + 2];
+    const uint64_t two = one & one >> 1;
+    runs[0][row] = two;
+    runs[1][row] = two & one >> 2;
+    runs[2][row] = two & two >> 2;
+    runs[3][row] = two & two >> 2 & one >> 4;
+  }
+}
 
 template <typename Sum>
 SumBlock<Sum>* SumPlane<Sum>::Add(int32_t column, int32_t row) {
@@ -11,6 +27,8 @@ SumBlock<Sum>* SumPlane<Sum>::Add(int32_t column, int32_t row) {
   block->row = row;
   block->next = bucket;
   bucket = block;
+  block->marks = {};
+  if (on_add_) on_add_(*block);
   return block;
 }
 

@@ -2,7 +2,9 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "splinemap/tile.h"
@@ -15,6 +17,30 @@ struct FaceSum {
   int32_t occupied = 0;  // the part of it that says so
 };
 
+// What free lines leave out of a block: cells of 4 x 4 control points, as of TileCells, that are
+// settled, and that the scan has no face in.
+struct SettledCells {
+  static constexpr int kShift = 2;
+  static constexpr int kRows = 32;
+  // Lines ask for eight rows at once, which lie in up to three rows of cells, and in up to five
+  // cells of each. Bit c of runs[n][row]: cells c to c + n + 1 of that row and the next two are
+  // left out.
+  static constexpr int kMost = 4;
+  uint64_t runs[kMost][kRows] = {};
+
+  // Bit c of `cells`: of the cells of a row, whether cell c is left out.
+  void Set(const uint64_t (&cells)[kRows]);
+};
+
+// The cells that the faces of a scan lie in.
+struct FaceCells {
+  // Of the faces added to this block, by row of cells; the apron's follow those of the tile.
+  uint16_t of_row[SettledCells::kRows] = {};
+  TileCells of_tile[4] = {};  // of all, once they are brought together
+};
+
+struct NoMarks {};
+
 // How blocks of sums lie in memory: the control points of kAcross x kUp tiles, row-major, and of an
 // apron of columns that belong to the block next in x: so a row of 8 sums that begins in a block
 // never leaves it. Lines pay for every change from block to block.
@@ -22,12 +48,20 @@ template <typename Sum>
 struct SumLayout {
   static constexpr int kAcrossBits = 0;
   static constexpr int kApron = 8;
+  using Marks = NoMarks;
+};
+template <>
+struct SumLayout<FaceSum> {
+  static constexpr int kAcrossBits = 0;
+  static constexpr int kApron = 8;
+  using Marks = FaceCells;
 };
 // Sums of 16 bits are small enough for wide blocks, whose rows begin with cache lines.
 template <>
 struct SumLayout<uint16_t> {
   static constexpr int kAcrossBits = 2;
   static constexpr int kApron = 32;
+  using Marks = SettledCells;
 };
 
 // Rows are marked as touched in groups, one bit for each.
@@ -59,13 +93,15 @@ struct alignas(64) SumBlock {
   // as kernels take at once.
   uint32_t touched[8] = {};
   static_assert(kAcross < 8);
+  typename SumLayout<Sum>::Marks marks;
   int32_t column = 0;  // first tile is (column * kAcross, row * kUp)
   int32_t row = 0;
   SumBlock* next = nullptr;  // with the same hash
 };
 
 // The blocks that a scan touches, of sums that are int32_t, uint16_t, which saturate, or FaceSum.
-// Keeps its memory from scan to scan, but for what few scans need; blocks out of use are zeros. Thread-compatible.
+// Keeps its memory from scan to scan, but for what few scans need; blocks out of use are zeros.
+// Thread-compatible.
 template <typename Sum>
 class SumPlane {
  public:
@@ -91,6 +127,10 @@ class SumPlane {
   // Blocks in use, in the order of first use.
   size_t size() const { return size_; }
   Block& block(size_t n) { return *blocks_[n]; }
+  const Block& block(size_t n) const { return *blocks_[n]; }
+
+  // Gets each block that is added, for its marks; null ends that.
+  void OnAdd(std::function<void(Block& block)> on_add) { on_add_ = std::move(on_add); }
 
   // Requires that all sums are 0.
   void Clear();
@@ -109,6 +149,7 @@ class SumPlane {
   Block** buckets_;
   std::vector<std::unique_ptr<Block>> blocks_;  // the first size_ are in use
   size_t size_ = 0;
+  std::function<void(Block& block)> on_add_;
 };
 
 }  // namespace splinemap

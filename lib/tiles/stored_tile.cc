@@ -73,6 +73,7 @@ Tile& StoredTile::Edit() {
   }
   checksum_ = 0;
   touched_ = 0;
+  is_settled_known_ = false;
   return const_cast<Tile&>(*tile_);
 }
 
@@ -92,6 +93,27 @@ TouchedPoints StoredTile::Touched() const {
     touched_.store(packed, std::memory_order_relaxed);
   }
   return TouchedPoints::Unpacked(packed);
+}
+
+TileCells StoredTile::SettledCells() const {
+  if (is_settled_known_.load(std::memory_order_acquire)) {
+    return settled_.load(std::memory_order_relaxed);
+  }
+  std::shared_ptr<const Tile> tile;
+  {
+    const Guard guard(*this);
+    tile = tile_;
+  }
+  if (tile == nullptr) return 0;
+  const TileCells cells = SettledCellsOf(*tile);
+  settled_.store(cells, std::memory_order_relaxed);
+  is_settled_known_.store(true, std::memory_order_release);
+  return cells;
+}
+
+void StoredTile::SetSettledCells(TileCells cells) {
+  settled_ = cells;
+  is_settled_known_ = true;
 }
 
 bool StoredTile::HasSource() const {

@@ -1,6 +1,7 @@
 #include "splinemap/tile.h"
 
 #include <algorithm>
+#include <cstring>
 
 namespace splinemap {
 
@@ -17,6 +18,26 @@ TouchedPoints TouchedPointsOf(const Tile& tile) {
     touched.j1 = std::max(touched.j1, j);
   }
   return touched.points == 0 ? TouchedPoints() : touched;
+}
+
+TileCells SettledCellsOf(const Tile& tile) {
+  typedef uint16_t Points __attribute__((vector_size(16)));
+  TileCells cells = 0;
+  for (int cell = 0; cell < 64; cell += 2) {
+    const ControlPoint* first = &tile.control_points[IndexInTile(4 * (cell % 8), 4 * (cell / 8))];
+    Points any{};
+    for (int row = 0; row < 4; ++row) {
+      Points points;
+      std::memcpy(&points, first + row * Tile::kSide, sizeof(points));
+      any |= points + kToSettled;
+    }
+    uint64_t of_cell[2];
+    any &= kBeyondSettled;
+    std::memcpy(of_cell, &any, sizeof(of_cell));
+    cells |= TileCells{of_cell[0] == 0} << cell;
+    cells |= TileCells{of_cell[1] == 0} << (cell + 1);
+  }
+  return cells;
 }
 
 }  // namespace splinemap

@@ -15,7 +15,17 @@ clean_up() {
 trap clean_up EXIT
 cd "$work"
 
-fail() { echo "FAILED: $*" >&2; exit 1; }
+# fail WHAT: ends the script; what its programs said last is printed too.
+fail() {
+  echo "FAILED: $*" >&2
+  local log
+  for log in "$work"/*.log; do
+    [[ -f $log ]] || continue
+    echo "-- ${log##*/}" >&2
+    tail -n 10 "$log" >&2
+  done
+  exit 1
+}
 
 # expect STATUS COMMAND..: the command ends with that status; its output is in $work/out and $work/err.
 expect() {
@@ -31,10 +41,10 @@ expect_text() { grep -qF -- "$1" "$work/$2" || fail "no '$1' in: $(cat "$work/$2
 # await COMMAND..: until it succeeds, at most 20 s.
 await() {
   for _ in {1..100}; do
-    if "$@" > /dev/null 2>&1; then return 0; fi
+    if "$@" > "$work/awaited" 2>&1; then return 0; fi
     sleep 0.2
   done
-  fail "did not come true in 20 s: $*"
+  fail "did not come true in 20 s: $*: $(tail -n 10 "$work/awaited")"
 }
 
 # start_drive LOG SPEED: plays the log again and again, until end_drive.

@@ -3,9 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <bit>
+#include <cmath>
 #include <cstddef>
+#include <numbers>
+#include <random>
 #include <vector>
 
+#include "lib/mapping/beam_model.h"
 #include "splinemap/map_view.h"
 
 namespace splinemap::scan_scratch_test {
@@ -158,6 +163,105 @@ TEST(FreeWeightsTest, SumsThatAreMovedTogetherSaturateInEveryKernel) {
     meet(kernel.free.move_transposed);
     EXPECT_EQ(to[2 * FreeBlock::kStride], 65535);
     EXPECT_EQ(to[FreeBlock::kStride + 3], 500);
+  }
+}
+
+// Cells by the definition: control points that no beam that passes changes.
+TileCells PlainSettledCells(const Tile& tile) {
+  TileCells cells = ~TileCells{0};
+  for (int k = 0; k < Tile::kSize; ++k) {
+    const int from_free = tile.control_points[k] - kFreeControlPoint;
+    const bool is_settled = from_free >= -1 && from_free <= 2;
+    if (!is_settled) cells &= ~(TileCells{1} << (k / Tile::kSide / 4 * 8 + k % Tile::kSide / 4));
+  }
+  return cells;
+}
+
+TEST(SettledCellsTest, AreThoseOfWhichEachControlPointIsAsFreeAsItGets) {
+  std::mt19937_64 random(1);
+  for (int n = 0; n < 200; ++n) {
+    Tile tile;
+    for (ControlPoint& c : tile.control_points) {
+      c = static_cast<ControlPoint>(kFreeControlPoint - 1 + static_cast<int>(random() % 4));
+    }
+    for (int k = 0; k < n; ++k) {
+      const int from_free = k % 2 == 0 ? -2 : 3;
+      tile.control_points[random() % Tile::kSize] =
+          static_cast<ControlPoint>(kFreeControlPoint + from_free);
+    }
+    EXPECT_EQ(SettledCellsOf(tile), PlainSettledCells(tile));
+  }
+  EXPECT_EQ(SettledCellsOf(Tile()), 0u);
+}
+
+// Beams in all directions whose ranges change from scan to scan, so that what was free is not
+// always.
+std::vector<PlacedBeam> DisagreeingScan(std::mt19937_64& random) {
+  constexpr double kKnot_m = 0.05;
+  const auto uniform = [&](double from, double to) {
+    return std::uniform_real_distribution<double>(from, to)(random);
+  };
+  const double wall_m = uniform(1, 9);
+  const Eigen::Vector2d origin_m(uniform(-1, 1), uniform(-1, 1));
+  std::vector<PlacedBeam> beams;
+  for (int k = 0; k < 360; ++k) {
+    const double bearing_rad = (k + uniform(0, 1)) * std::numbers::pi / 180;
+    const Eigen::Vector2d direction(std::cos(bearing_rad), std::sin(bearing_rad));
+    const double range_m = k % 40 == 0 ? uniform(kKnot_m, 9) : wall_m + uniform(0, 0.03);
+    beams.push_back({origin_m, direction, range_m, k % 7 != 0});
+  }
+  return beams;
+}
+
+TEST(SettledCellsTest, WhatIsLeftOutChangesNothingInEveryKernel) {
+  // With these no cell is taken for settled, and no control point is moved by them.
+  constexpr ControlLimits kLeaveNothingOut{.min = kFreeControlPoint};
+  for (const ScanKernel& kernel : ScanKernels()) {
+    SCOPED_TRACE(kernel.name);
+    std::mt19937_64 random(1);
+    Layer layer{LayerId{"robot", 1}, SessionId{1, 1}};
+    Layer whole{LayerId{"robot", 1}, SessionId{1, 1}};
+    ScanScratch scratch(kernel);
+    BeamModel model({}, 0.05, kernel);
+    std::vector<LayerSnapshot> held;  // so that tiles are not always written in place
+    for (int n = 0; n < 40; ++n) {
+      const std::vector<PlacedBeam> beams = DisagreeingScan(random);
+      model.Accumulate(beams, scratch);
+      scratch.CommitTo(layer, kLimits);
+      model.Accumulate(beams, scratch);
+      scratch.CommitTo(whole, kLeaveNothingOut);
+      if (n % 3 == 0) held.push_back(layer.Snapshot());
+      int settled = 0;
+      layer.tiles().ForEach([&](TileKey key, const TileTree::Entry& entry) {
+        const auto expected = FindTile(whole.tiles(), key);
+        ASSERT_NE(expected, nullptr);
+        ASSERT_EQ(*entry.tile->Get(), *expected) << n << " " << key.tx << " " << key.ty;
+        EXPECT_EQ(entry.revision, whole.tiles().RevisionOf(key));
+        EXPECT_EQ(entry.tile->SettledCells(), SettledCellsOf(*expected));
+        settled += std::popcount(SettledCellsOf(*expected));
+      });
+      EXPECT_EQ(layer.tiles().size(), whole.tiles().size());
+      EXPECT_GT(settled, 100);
+    }
+  }
+}
+
+TEST(SettledCellsTest, NoKernelTouchesWhatIsSettled) {
+  const FreeLineTable<uint16_t> table(SignedDistance::kWeightPerKnot, Footprint::kBasis);
+  const std::vector<FreeLine> lines = FanOfLines();
+  uint64_t cells[SettledCells::kRows];
+  for (const ScanKernel& kernel : ScanKernels()) {
+    std::fill(std::begin(cells), std::end(cells), ~uint64_t{0});
+    SumPlane<uint16_t> plane;
+    plane.OnAdd([&](FreeBlock& block) { block.marks.Set(cells); });
+    kernel.add_free_lines(lines.data(), lines.size(), table.data(), plane);
+    ASSERT_EQ(plane.size(), 1u);
+    EXPECT_EQ(std::ranges::count(plane.block(0).touched, 0u), 8) << kernel.name;
+    plane.Clear();
+    cells[4] = 0;  // rows 16 to 19
+    kernel.add_free_lines(lines.data(), lines.size(), table.data(), plane);
+    EXPECT_LT(std::ranges::count(plane.block(0).touched, 0u), 8) << kernel.name;
+    for (const uint32_t groups : plane.block(0).touched) EXPECT_EQ(groups & 1, 0u) << kernel.name;
   }
 }
 

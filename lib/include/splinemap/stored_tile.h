@@ -39,6 +39,10 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
   // TileChecksum() of the content, for `key`, with which it is always called.
   uint64_t Checksum(TileKey key) const;
   TouchedPoints Touched() const;
+  // SettledCellsOf() the content; none where it is not in memory and they are not known.
+  TileCells SettledCells() const;
+  // From who has edited it, and knows. Requires what Edit() does.
+  void SetSettledCells(TileCells cells);
 
   bool HasSource() const;
   // The number at `source`; 0 where it has another source or none.
@@ -61,9 +65,11 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
   mutable std::shared_ptr<const Tile> tile_;  // null where it is at the source
   mutable std::shared_ptr<TileSource> source_;
   mutable int64_t number_ = 0;
-  mutable std::atomic<uint64_t> checksum_{0};   // 0: to be found
-  mutable std::atomic<uint32_t> touched_{0};    // packed; 0: to be found
-  mutable std::atomic<bool> is_locked_{false};  // guards all above
+  mutable std::atomic<uint64_t> checksum_{0};  // 0: to be found
+  mutable std::atomic<uint32_t> touched_{0};   // packed; 0: to be found
+  mutable std::atomic<TileCells> settled_{0};
+  mutable std::atomic<bool> is_settled_known_{false};  // else to be found
+  mutable std::atomic<bool> is_locked_{false};         // guards all above
   mutable bool was_used_ = false;
   mutable bool is_counted_ = false;  // by the source's memory
   bool is_own_ = false;              // tile_ was made here

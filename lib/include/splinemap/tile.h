@@ -11,6 +11,8 @@ namespace splinemap {
 // A coefficient of the surface in fixed point. 0 means that no measurement ever touched it.
 using ControlPoint = int16_t;
 inline constexpr int kUnitsPerLogOdds = 256;
+// What beams make of control points that they pass, away from what they hit.
+inline constexpr ControlPoint kFreeControlPoint = -8 * kUnitsPerLogOdds;
 
 // Control points stay in [min, max], equation (36).
 struct ControlLimits {
@@ -100,5 +102,15 @@ struct TouchedPoints {
 TouchedPoints TouchedPointsOf(const Tile& tile);
 
 inline int CountTouched(const Tile& tile) { return TouchedPointsOf(tile).points; }
+
+// Cells of 4 x 4 control points of a tile, a bit each, row-major.
+using TileCells = uint64_t;
+// Those in which each control point is so near to kFreeControlPoint that no beam that passes
+// changes it any more.
+TileCells SettledCellsOf(const Tile& tile);
+// A control point is settled if the sum with the first has nothing in common with the second: a
+// quarter of the way, rounded, from kFreeControlPoint - 1 .. kFreeControlPoint + 2 is 0.
+inline constexpr uint16_t kToSettled = 1 - kFreeControlPoint;
+inline constexpr uint16_t kBeyondSettled = 0xfffc;
 
 }  // namespace splinemap
