@@ -3,16 +3,15 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <utility>
 
+#include "lib/base/read_section.h"
 #include "lib/map/point_kernel.h"
 
 namespace splinemap {
 namespace {
 
-using SharedTile = std::shared_ptr<const Tile>;
-
-// Who has nothing to keep alive.
-const SharedTile kUntouched = std::make_shared<const Tile>();
+const Tile kUntouched;
 
 RowWord LoadRow(const ControlPoint* first) {
   RowWord word;
@@ -25,7 +24,9 @@ bool IsInOneTile(int32_t i, int32_t j) {
   return (i & (Tile::kSide - 1)) <= kLast && (j & (Tile::kSide - 1)) <= kLast;
 }
 
-SharedTile ContentOf(const StoredTile* tile) { return tile == nullptr ? kUntouched : tile->Get(); }
+const Tile& ContentOf(const StoredTile* tile, const ReadSection& section) {
+  return tile == nullptr ? kUntouched : tile->Read(section);
+}
 
 // The tiles that a patch may need: of its first control point, and those next in x and y, which are
 // the first again where the patch does not reach them.
@@ -44,12 +45,12 @@ struct CrossingPatch {
 
   CrossingPatch() = default;
   // Requires the tiles of SquareOf(i, j).
-  CrossingPatch(const SharedTile* square, int32_t i, int32_t j) {
+  CrossingPatch(const Tile* const* square, int32_t i, int32_t j) {
     constexpr int kLast = Tile::kSide - 4;
     const int column = std::min(i & (Tile::kSide - 1), kLast);
     bits = 16 * ((i & (Tile::kSide - 1)) - column);
     for (int row = 0; row < 4; ++row) {
-      const SharedTile* tiles = square + 2 * (((j + row) >> 5) - (j >> 5));
+      const Tile* const* tiles = square + 2 * (((j + row) >> 5) - (j >> 5));
       left[row] = &tiles[0]->control_points[IndexInTile(column, j + row)];
       right[row] = &tiles[1]->control_points[IndexInTile(0, j + row)];
     }
@@ -61,20 +62,34 @@ struct CrossingPatch {
   }
 };
 
-PatchRows LoadRows(const TileTree& tiles, int32_t i, int32_t j) {
+// The patch from control point (i, j) on, of tiles as `content_of` has them by key.
+template <typename ContentOfKey>
+PatchRows LoadRows(int32_t i, int32_t j, ContentOfKey content_of) {
   PatchRows rows;
   if (IsInOneTile(i, j)) {
-    const SharedTile tile = ContentOf(tiles.Find(TileOf(i, j)));
-    const ControlPoint* first = &tile->control_points[IndexInTile(i, j)];
+    const ControlPoint* first = &content_of(TileOf(i, j)).control_points[IndexInTile(i, j)];
     for (int row = 0; row < 4; ++row) rows[row] = LoadRow(first + Tile::kSide * row);
   } else {
     const std::array<TileKey, 4> keys = SquareOf(i, j);
-    std::array<SharedTile, 4> square;
-    for (int k = 0; k < 4; ++k) square[k] = ContentOf(tiles.Find(keys[k]));
+    std::array<const Tile*, 4> square;
+    for (int k = 0; k < 4; ++k) square[k] = &content_of(keys[k]);
     const CrossingPatch patch(square.data(), i, j);
     for (int row = 0; row < 4; ++row) rows[row] = patch.Row(row);
   }
   return rows;
+}
+
+PatchRows LoadRows(const TileTree& tiles, int32_t i, int32_t j) {
+  const ReadSection section;
+  return LoadRows(i, j,
+                  [&](TileKey key) -> const Tile& { return ContentOf(tiles.Find(key), section); });
+}
+
+SurfaceSample Evaluate(const PatchRows& rows, const KnotPosition& x, const KnotPosition& y,
+                       double knot_interval_m) {
+  SurfaceSample sample;
+  FastestPointKernel().evaluate_point(rows, x.t, y.t, 1 / knot_interval_m, sample);
+  return sample;
 }
 
 // Each step runs over a block of points before the next begins: a processor waits for many points
@@ -88,8 +103,11 @@ class BlockEvaluator {
   void Evaluate(const Eigen::Vector2d* points_m, int count, SurfaceSample* samples) {
     const double knot_interval_m = map_.options.knot_interval_m;
     const bool all_on_map = kernel_.locate(points_m, count, knot_interval_m, block_);
-    FindTiles(count);
-    LoadRows(count);
+    {
+      const ReadSection section;
+      FindTiles(count, section);
+      LoadRows(count);
+    }
     kernel_.evaluate(block_, count, knots_per_m_, samples);
     if (all_on_map) return;
     for (int n = 0; n < count; ++n) {
@@ -101,7 +119,7 @@ class BlockEvaluator {
 
  private:
   // Neighbours often need the same tiles, which are looked up once then.
-  void FindTiles(int count) {
+  void FindTiles(int count, const ReadSection& section) {
     num_crossing_ = 0;
     int num_keys = 0;
     int square_begin = -1;  // of the crossing patch before
@@ -124,7 +142,7 @@ class BlockEvaluator {
       crossing_[num_crossing_++] = n;
     }
     map_.tiles.FindMany({keys_.data(), static_cast<size_t>(num_keys)}, absl::MakeSpan(found_));
-    for (int k = 0; k < num_keys; ++k) tiles_[k] = ContentOf(found_[k]);
+    for (int k = 0; k < num_keys; ++k) tiles_[k] = &ContentOf(found_[k], section);
   }
 
   void LoadRows(int count) {
@@ -135,7 +153,7 @@ class BlockEvaluator {
     for (int k = 0; k < num_crossing_; ++k) {
       const int n = crossing_[k];
       patches_[k] = CrossingPatch(&tiles_[key_indices_[n]], block_.i[n], block_.j[n]);
-      firsts_[n] = kUntouched->control_points.data();
+      firsts_[n] = kUntouched.control_points.data();
     }
     for (int n = 0; n < count; ++n) {
       for (int row = 0; row < 4; ++row) {
@@ -154,7 +172,7 @@ class BlockEvaluator {
   PointBlock block_;
   std::array<TileKey, 4 * PointBlock::kSize> keys_;
   std::array<const StoredTile*, 4 * PointBlock::kSize> found_;  // by key
-  std::array<SharedTile, 4 * PointBlock::kSize> tiles_;         // the same
+  std::array<const Tile*, 4 * PointBlock::kSize> tiles_;        // the same
   // By point: its tile, or the first of the four of its square.
   std::array<int, PointBlock::kSize> key_indices_;
   std::array<const ControlPoint*, PointBlock::kSize> firsts_;
@@ -167,13 +185,33 @@ class BlockEvaluator {
 }  // namespace
 
 SurfaceSample MapView::Evaluate(double x_m, double y_m) const {
-  SurfaceSample sample;
   const auto x = LocateKnot(x_m, options.knot_interval_m);
   const auto y = LocateKnot(y_m, options.knot_interval_m);
-  if (!x || !y) return sample;
-  const PatchRows rows = LoadRows(tiles, x->index - 1, y->index - 1);
-  FastestPointKernel().evaluate_point(rows, x->t, y->t, 1 / options.knot_interval_m, sample);
-  return sample;
+  if (!x || !y) return {};
+  return splinemap::Evaluate(LoadRows(tiles, x->index - 1, y->index - 1), *x, *y,
+                             options.knot_interval_m);
+}
+
+PathReader::PathReader(std::shared_ptr<const MapView> map) : map_(std::move(map)) {}
+
+SurfaceSample PathReader::Evaluate(double x_m, double y_m) {
+  const double knot_interval_m = map_->options.knot_interval_m;
+  const auto x = LocateKnot(x_m, knot_interval_m);
+  const auto y = LocateKnot(y_m, knot_interval_m);
+  if (!x || !y) return {};
+  const PatchRows rows =
+      LoadRows(x->index - 1, y->index - 1, [&](TileKey key) -> const Tile& { return TileAt(key); });
+  return splinemap::Evaluate(rows, *x, *y, knot_interval_m);
+}
+
+const Tile& PathReader::TileAt(TileKey key) {
+  Place& place = places_[(key.ty & 1) << 1 | (key.tx & 1)];
+  if (place.tile == nullptr || place.key != key) {
+    const StoredTile* const stored = map_->tiles.Find(key);
+    static const auto kAbsent = std::make_shared<const Tile>();
+    place = {key, stored == nullptr ? kAbsent : stored->Get()};
+  }
+  return *place.tile;
 }
 
 Eigen::Matrix2d MapView::Hessian(double x_m, double y_m) const {

@@ -3,6 +3,7 @@
 #include <thread>
 #include <utility>
 
+#include "lib/base/read_section.h"
 #include "lib/tiles/tile_codec.h"
 #include "lib/tiles/tile_memory.h"
 
@@ -59,6 +60,7 @@ std::shared_ptr<const Tile> StoredTile::TryGet() const {
     tile = source->Load(number_, checksum_.load(std::memory_order_relaxed));
     if (tile == nullptr) return nullptr;
     tile_ = tile;
+    content_.store(tile.get(), std::memory_order_release);
     is_counted_ = source->memory() != nullptr;
     if (is_counted_) source->memory()->Count();
   }
@@ -70,6 +72,7 @@ Tile& StoredTile::Edit() {
   if (!is_own_ || tile_.use_count() > 1) {
     tile_ = std::make_shared<Tile>(*tile_);
     is_own_ = true;
+    content_ = tile_.get();
   }
   checksum_ = 0;
   touched_ = 0;
@@ -162,14 +165,16 @@ StoredTile::Eviction StoredTile::Evict() const {
   std::shared_ptr<const Tile> gone;
   Eviction eviction = Eviction::kNothingToDo;
   if (is_counted_) {
-    eviction = std::exchange(was_used_, false) ? Eviction::kWasUsed : Eviction::kDone;
+    eviction = was_used_.exchange(false) ? Eviction::kWasUsed : Eviction::kDone;
   }
   if (eviction == Eviction::kDone) {
+    content_ = nullptr;
     gone = std::move(tile_);
     is_counted_ = false;
     source_->memory()->Remove();
   }
   is_locked_.store(false, std::memory_order_release);
+  if (gone) ReadSection::Retire(std::move(gone));
   return eviction;
 }
 

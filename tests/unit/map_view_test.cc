@@ -235,12 +235,16 @@ TEST(MapViewTest, ManyPointsAtOnceGiveTheSameBytes) {
   }
   std::vector<SurfaceSample> samples(points_m.size());
   view->EvaluateMany(points_m, absl::MakeSpan(samples));
+  PathReader reader(view);
   int known = 0;
   for (size_t n = 0; n < points_m.size(); ++n) {
     const SurfaceSample expected = SimplyEvaluated(view->tiles, points_m[n].x(), points_m[n].y());
-    ASSERT_EQ(samples[n].log_odds, expected.log_odds) << points_m[n].transpose();
-    ASSERT_EQ(samples[n].gradient_per_m, expected.gradient_per_m);
-    ASSERT_EQ(samples[n].known, expected.known);
+    const SurfaceSample read = reader.Evaluate(points_m[n].x(), points_m[n].y());
+    for (const SurfaceSample& sample : {samples[n], read}) {
+      ASSERT_EQ(sample.log_odds, expected.log_odds) << points_m[n].transpose();
+      ASSERT_EQ(sample.gradient_per_m, expected.gradient_per_m);
+      ASSERT_EQ(sample.known, expected.known);
+    }
     known += samples[n].known;
   }
   EXPECT_GT(known, 500);

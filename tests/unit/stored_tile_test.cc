@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "lib/base/mutex.h"
+#include "lib/base/read_section.h"
 #include "lib/tiles/tile_codec.h"
 #include "lib/tiles/tile_memory.h"
 #include "splinemap/tile_tree.h"
@@ -167,6 +168,53 @@ TEST_F(StoredTileTest, ManyThreadsSeeTheSameTiles) {
   EXPECT_LE(memory_->num_tiles(), 10u);
   tiles.clear();
   EXPECT_EQ(memory_->num_tiles(), 0u);
+}
+
+TEST_F(StoredTileTest, WhatASectionReadsStaysWhileOthersTakeItsPlace) {
+  const auto tile = At(7);
+  const ReadSection section;
+  const Tile& content = tile->Read(section);
+  std::vector<std::shared_ptr<const StoredTile>> others;
+  for (int n = 100; n < 400; ++n) {  // so many that what is retired is let go, but for the section
+    others.push_back(At(n));
+    others.back()->Read(section);
+  }
+  EXPECT_EQ(source_->loads, 301);
+  EXPECT_EQ(content, TileOf(7));
+  EXPECT_EQ(tile->Read(section), TileOf(7));
+  EXPECT_EQ(source_->loads, 302) << "it had left";
+}
+
+TEST_F(StoredTileTest, WhatSectionsReadIsUsed) {
+  std::vector<std::shared_ptr<const StoredTile>> tiles;
+  for (int n = 1; n <= 100; ++n) tiles.push_back(At(n));
+  const ReadSection section;
+  for (int n = 2; n <= 100; ++n) {
+    tiles[0]->Read(section);
+    tiles[n - 1]->Read(section);
+  }
+  EXPECT_EQ(source_->loads, 100);
+}
+
+TEST_F(StoredTileTest, ManyThreadsReadWhatOthersDriveOut) {
+  std::vector<std::shared_ptr<const StoredTile>> tiles;
+  for (int n = 0; n < 50; ++n) tiles.push_back(At(n));
+  std::vector<std::jthread> threads;
+  for (int thread = 0; thread < 4; ++thread) {
+    threads.emplace_back([&tiles, thread] {
+      for (int k = 0; k < 2'000; ++k) {
+        const ReadSection section;
+        const int n = (k * (2 * thread + 1)) % 50;
+        const int m = (n + 25) % 50;
+        const Tile& first = tiles[n]->Read(section);
+        const Tile& second = tiles[m]->Read(section);
+        ASSERT_EQ(first.control_points[k % Tile::kSize], n);
+        ASSERT_EQ(second.control_points[k % Tile::kSize], m);
+      }
+    });
+  }
+  threads.clear();
+  EXPECT_LE(memory_->num_tiles(), 10u);
 }
 
 }  // namespace splinemap::stored_tile_test

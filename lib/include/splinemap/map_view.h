@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <memory>
 
@@ -30,6 +31,26 @@ struct MapView {
   // larger than the caches. Requires as many samples as points.
   void EvaluateMany(absl::Span<const Eigen::Vector2d> points_m,
                     absl::Span<SurfaceSample> samples) const;
+};
+
+// The surface at points that follow each other closely, one by one, as along a path: keeps the
+// tiles of the last. Gives what MapView::Evaluate() gives. Thread-compatible.
+class PathReader {
+ public:
+  explicit PathReader(std::shared_ptr<const MapView> map);
+
+  SurfaceSample Evaluate(double x_m, double y_m);
+
+ private:
+  struct Place {
+    TileKey key;
+    std::shared_ptr<const Tile> tile;
+  };
+  const Tile& TileAt(TileKey key);
+
+  std::shared_ptr<const MapView> map_;
+  std::array<Place, 4>
+      places_;  // by whether coordinates of the key are odd: of any square of tiles
 };
 
 // The sum of a set that does not change. Costs the whole map.

@@ -34,6 +34,7 @@ class QueryMap {
   }
 
   const MapView& view() const { return *view_; }
+  std::shared_ptr<const MapView> shared_view() const { return view_; }
   double half_width_m() const { return (square_.half() - 1) * Tile::kSide * kResolution_m; }
 
   const std::vector<const Tile*>& tiles() const { return tiles_; }
@@ -111,6 +112,13 @@ void EvaluateOneByOne(const MapView& view, absl::Span<const Eigen::Vector2d> poi
   }
 }
 
+void EvaluateByReader(PathReader& reader, absl::Span<const Eigen::Vector2d> points) {
+  for (const Eigen::Vector2d& point : points) {
+    SurfaceSample sample = reader.Evaluate(point.x(), point.y());
+    benchmark::DoNotOptimize(sample);
+  }
+}
+
 void EvaluateBatch(const MapView& view, absl::Span<const Eigen::Vector2d> points) {
   static std::vector<SurfaceSample> samples(kBatch);
   view.EvaluateMany(points, absl::MakeSpan(samples));
@@ -173,6 +181,9 @@ void RegisterQueries(size_t num_tiles) {
   add("queries/random/batched", random, batch_of);
   add("queries/path/single", path, one_by_one);
   add("queries/path/batched", path, batch_of);
+  const auto reader = std::make_shared<PathReader>(map->shared_view());
+  add("queries/path/reader", path,
+      [reader](absl::Span<const Eigen::Vector2d> points) { EvaluateByReader(*reader, points); });
   add("queries/random/limit_of_single", places,
       [map](absl::Span<const RowsPlace> batch) { LoadOneByOne(map->tiles(), batch); });
   add("queries/random/limit_of_batched", places,
