@@ -19,6 +19,9 @@ typedef int32_t Integers4 __attribute__((vector_size(16)));
 [[gnu::always_inline]] inline Doubles4 Floor(Doubles4 x) {
 #ifdef __AVX__
   return reinterpret_cast<Doubles4>(_mm256_floor_pd(reinterpret_cast<__m256d>(x)));
+#elif defined(__aarch64__)
+  for (int k = 0; k < 4; ++k) x[k] = __builtin_floor(x[k]);  // one instruction for two of them
+  return x;
 #else
   const Doubles4 towards_zero =
       __builtin_convertvector(__builtin_convertvector(x, Integers4), Doubles4);

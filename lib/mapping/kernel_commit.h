@@ -56,6 +56,7 @@ void MoveTransposed(FaceSum* from, uint32_t groups, FaceSum* to) {
     if ((groups >> (y / kRowsPerGroup) & 1) == 0) continue;
     for (int x = 0; x < kSide; x += 4) {
       FaceSum* source = from + y * kStride<FaceSum> + x;
+#ifdef __AVX2__
       Int32x8 r[4];
       for (int k = 0; k < 4; ++k) r[k] = Load<Int32x8>(source + k * kStride<FaceSum>);
       if (IsZero((r[0] | r[1]) | (r[2] | r[3]))) continue;
@@ -71,6 +72,26 @@ void MoveTransposed(FaceSum* from, uint32_t groups, FaceSum* to) {
         AddTo(__builtin_shufflevector(r[k], r[k + 2], 4, 5, 6, 7, 12, 13, 14, 15),
               to + (x + k + 2) * kStride<FaceSum> + y);
       }
+#else
+      Int32x4 r[4][2];
+      for (int k = 0; k < 4; ++k) {
+        r[k][0] = Load<Int32x4>(source + k * kStride<FaceSum>);
+        r[k][1] = Load<Int32x4>(source + k * kStride<FaceSum> + 2);
+      }
+      if (IsZero((r[0][0] | r[0][1]) | (r[1][0] | r[1][1]) | (r[2][0] | r[2][1]) |
+                 (r[3][0] | r[3][1]))) {
+        continue;
+      }
+      for (int k = 0; k < 4; ++k) Store(Int32x8{}, source + k * kStride<FaceSum>);
+      for (int k = 0; k < 4; k += 2) {
+        for (int half = 0; half < 2; ++half) {
+          FaceSum* const place = to + (x + 2 * half) * kStride<FaceSum> + y + k;
+          AddTo(__builtin_shufflevector(r[k][half], r[k + 1][half], 0, 1, 4, 5), place);
+          AddTo(__builtin_shufflevector(r[k][half], r[k + 1][half], 2, 3, 6, 7),
+                place + kStride<FaceSum>);
+        }
+      }
+#endif
     }
   }
 }
@@ -126,6 +147,10 @@ void Commit(int32_t* sums, ControlLimits limits, ControlLimits scan_limits,
   return reinterpret_cast<WholeControlPoints>(_mm256_mulhrs_epi16(
       _mm256_subs_epi16(reinterpret_cast<__m256i>(a), reinterpret_cast<__m256i>(b)),
       reinterpret_cast<__m256i>(c)));
+#elif defined(SPLINEMAP_NEON)
+  return reinterpret_cast<WholeControlPoints>(
+      vqrdmulhq_s16(vqsubq_s16(reinterpret_cast<int16x8_t>(a), reinterpret_cast<int16x8_t>(b)),
+                    reinterpret_cast<int16x8_t>(c)));
 #else
   using Wide [[gnu::vector_size(8 * kLanes)]] = int32_t;
   const Wide most = Wide{} + 32767;
@@ -152,7 +177,6 @@ struct Votes {
 
 // Moves the sums of faces. Those of free space stay.
 [[gnu::always_inline]] inline Votes TakeVotes(const uint16_t* free, FaceSum* faces) {
-  using HalfWeights [[gnu::vector_size(2 * kLanes)]] = uint16_t;
   constexpr float kRange = SignedDistance::kOccupied - SignedDistance::kFree;
   constexpr int kMost = SignedDistance::kMostWeight;
   ControlPoints distances[2];
@@ -167,7 +191,7 @@ struct Votes {
     Sums weight;
     Sums occupied;
     Split(first, second, weight, occupied);
-    weight += __builtin_convertvector(free_weight, Sums);
+    weight += Widen(free_weight);
     const Shares share = __builtin_convertvector(occupied, Shares) /
                          __builtin_convertvector(weight > 0 ? weight : Sums{} + 1, Shares);
     distances[half] =

@@ -7,6 +7,9 @@
 #ifdef __SSE2__
 #include <immintrin.h>
 #endif
+#ifdef SPLINEMAP_NEON
+#include <arm_neon.h>
+#endif
 
 #include "lib/base/lanes.h"
 #include "lib/mapping/scan_kernel.h"
@@ -35,6 +38,7 @@ using ControlPoints [[gnu::vector_size(2 * kLanes)]] = int16_t;
 // As many control points as a register holds, and their weights.
 using WholeControlPoints [[gnu::vector_size(4 * kLanes)]] = int16_t;
 using WholeWeights [[gnu::vector_size(4 * kLanes)]] = uint16_t;
+using HalfWeights [[gnu::vector_size(2 * kLanes)]] = uint16_t;
 
 constexpr int kSide = Tile::kSide;
 template <typename Sum>
@@ -84,6 +88,9 @@ template <typename Vector>
 #ifdef __SSE2__
   return reinterpret_cast<Uint16x8>(
       _mm_adds_epu16(reinterpret_cast<__m128i>(a), reinterpret_cast<__m128i>(b)));
+#elif defined(SPLINEMAP_NEON)
+  return reinterpret_cast<Uint16x8>(
+      vqaddq_u16(reinterpret_cast<uint16x8_t>(a), reinterpret_cast<uint16x8_t>(b)));
 #else
   const Uint16x8 sum = a + b;
   return sum < a ? ~Uint16x8{} : sum;
@@ -100,6 +107,8 @@ bool IsZero(Int32x4 v) {
 #ifdef __SSE2__
   const __m128i is_zero = _mm_cmpeq_epi32(reinterpret_cast<__m128i>(v), _mm_setzero_si128());
   return _mm_movemask_epi8(is_zero) == 0xffff;
+#elif defined(SPLINEMAP_NEON)
+  return vmaxvq_u32(reinterpret_cast<uint32x4_t>(v)) == 0;
 #else
   return (v[0] | v[1] | v[2] | v[3]) == 0;
 #endif
@@ -124,6 +133,15 @@ Sums Widen(ControlPoints v) {
 #if defined(__SSE2__) && !defined(__AVX2__)
   const __m128i low = _mm_cvtsi64_si128(reinterpret_cast<int64_t>(v));
   return reinterpret_cast<Sums>(_mm_srai_epi32(_mm_unpacklo_epi16(low, low), 16));
+#elif defined(SPLINEMAP_NEON)
+  return reinterpret_cast<Sums>(vmovl_s16(reinterpret_cast<int16x4_t>(v)));
+#else
+  return __builtin_convertvector(v, Sums);
+#endif
+}
+Sums Widen(HalfWeights v) {
+#ifdef SPLINEMAP_NEON
+  return reinterpret_cast<Sums>(vmovl_u16(reinterpret_cast<uint16x4_t>(v)));
 #else
   return __builtin_convertvector(v, Sums);
 #endif
@@ -177,6 +195,11 @@ Doubles4 Abs(Doubles4 x) { return x < 0 ? -x : x; }
 Doubles4 SquareRoot(Doubles4 x) {
 #if defined(__AVX__)
   return reinterpret_cast<Doubles4>(_mm256_sqrt_pd(reinterpret_cast<__m256d>(x)));
+#elif defined(SPLINEMAP_NEON)
+  float64x2_t halves[2];
+  __builtin_memcpy(halves, &x, sizeof x);
+  for (float64x2_t& half : halves) half = vsqrtq_f64(half);
+  return Load<Doubles4>(halves);
 #else
   for (int k = 0; k < 4; ++k) x[k] = __builtin_sqrt(x[k]);
   return x;

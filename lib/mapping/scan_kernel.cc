@@ -13,6 +13,11 @@ namespace avx512 {
 extern const ScanKernel kScanKernel;
 }
 #endif
+#ifdef __aarch64__
+namespace neon {
+extern const ScanKernel kScanKernel;
+}
+#endif
 
 const std::vector<ScanKernel>& ScanKernels() {
   static const std::vector<ScanKernel> kernels = [] {
@@ -23,6 +28,9 @@ const std::vector<ScanKernel>& ScanKernels() {
         __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {
       runnable.push_back(avx512::kScanKernel);
     }
+#endif
+#ifdef __aarch64__
+    runnable.push_back(neon::kScanKernel);  // all of them have it
 #endif
     return runnable;
   }();
