@@ -1,6 +1,9 @@
 #include "lib/tiles/sum_tiles.h"
 
 #include <cstring>
+#ifdef __aarch64__
+#include <arm_neon.h>
+#endif
 
 namespace splinemap {
 namespace {
@@ -70,6 +73,38 @@ __attribute__((target("avx512bw,avx512vl"))) void MergeAvx512(const std::vector<
 }
 #endif
 
+#ifdef __aarch64__
+// Limits have 16 bits, and so sums may saturate before they are kept within them.
+void MergeNeon(const std::vector<const Tile*>& tiles, ControlLimits limits, Tile& merged) {
+  constexpr int kVectors = Tile::kSide / 8;
+  const int16x8_t min = vdupq_n_s16(limits.min);
+  const int16x8_t max = vdupq_n_s16(limits.max);
+  for (int row = 0; row < Tile::kSize; row += Tile::kSide) {
+    int32x4_t low[kVectors] = {};
+    int32x4_t high[kVectors] = {};
+    int16x8_t touched[kVectors] = {};
+    for (const Tile* tile : tiles) {
+      if (tile == nullptr) continue;
+      const ControlPoint* first = tile->control_points.data() + row;
+      for (int k = 0; k < kVectors; ++k) {
+        const int16x8_t points = vld1q_s16(first + 8 * k);
+        low[k] = vaddw_s16(low[k], vget_low_s16(points));
+        high[k] = vaddw_high_s16(high[k], points);
+        touched[k] = vorrq_s16(touched[k], points);
+      }
+    }
+    for (int k = 0; k < kVectors; ++k) {
+      int16x8_t sum = vqmovn_high_s32(vqmovn_s32(low[k]), high[k]);
+      sum = vminq_s16(vmaxq_s16(sum, min), max);
+      sum = vsubq_s16(sum, vreinterpretq_s16_u16(vceqzq_s16(sum)));  // touched: never 0
+      const uint16x8_t is_touched = vtstq_s16(touched[k], touched[k]);
+      vst1q_s16(merged.control_points.data() + row + 8 * k,
+                vandq_s16(sum, vreinterpretq_s16_u16(is_touched)));
+    }
+  }
+}
+#endif
+
 }  // namespace
 
 std::vector<TileMerger> TileMergers() {
@@ -79,6 +114,9 @@ std::vector<TileMerger> TileMergers() {
     mergers.push_back({"avx512", MergeAvx512});
   }
   if (__builtin_cpu_supports("avx2")) mergers.push_back({"avx2", MergeAvx2});
+#endif
+#ifdef __aarch64__
+  mergers.push_back({"neon", MergeNeon});
 #endif
   mergers.push_back({"plain", MergePlain});
   return mergers;
