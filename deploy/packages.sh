@@ -19,6 +19,7 @@ TEST_PACKAGES=(
 command -v npm > /dev/null || TEST_PACKAGES+=(npm)
 PACKAGE_PACKAGES=(debhelper fakeroot help2man lintian default-jdk-headless liblcm-java)
 CLEAN_PACKAGES=(debootstrap util-linux procps iproute2)
+ARM_PACKAGES=(g++-aarch64-linux-gnu qemu-user)
 FUZZ_PACKAGES=(clang libclang-rt-14-dev)
 BENCH_PACKAGES=(
   libbenchmark-dev libmrpt-maps-dev liboctomap-dev libdynamicedt3d-dev libopencv-imgproc-dev libopencv-stitching-dev

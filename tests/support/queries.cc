@@ -69,7 +69,7 @@ SweepsQuery RandomSweeps(std::mt19937_64& random, size_t size) {
     Eigen::Vector2d at_m = RandomPoint(random);
     for (size_t vertices = 1 + random() % 30; vertices > 0; --vertices) {
       sweep.path_m.push_back(at_m);
-      at_m += Eigen::Vector2d(Uniform(random, -0.5, 0.5), Uniform(random, -0.5, 0.5));
+      at_m += Eigen::Vector2d{Uniform(random, -0.5, 0.5), Uniform(random, -0.5, 0.5)};  // in order
     }
   }
   return query;

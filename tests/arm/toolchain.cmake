@@ -1,0 +1,16 @@
+# For arm64, with Debian's cross compiler and the packages that run.sh lays into SPLINEMAP_SYSROOT.
+# Programs of the build (protoc, lcm-gen) are those of the host, and what is built runs in qemu.
+set(CMAKE_SYSTEM_NAME Linux)
+set(CMAKE_SYSTEM_PROCESSOR aarch64)
+list(APPEND CMAKE_TRY_COMPILE_PLATFORM_VARIABLES SPLINEMAP_SYSROOT)
+set(CMAKE_SYSROOT ${SPLINEMAP_SYSROOT})
+set(CMAKE_CXX_COMPILER aarch64-linux-gnu-g++)
+set(CMAKE_LIBRARY_ARCHITECTURE aarch64-linux-gnu)
+set(CMAKE_CROSSCOMPILING_EMULATOR qemu-aarch64 -L ${SPLINEMAP_SYSROOT})
+set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
+set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_INCLUDE ONLY)
+set(CMAKE_FIND_ROOT_PATH_MODE_PACKAGE ONLY)
+set(ENV{PKG_CONFIG_SYSROOT_DIR} ${SPLINEMAP_SYSROOT})
+set(ENV{PKG_CONFIG_LIBDIR}
+    ${SPLINEMAP_SYSROOT}/usr/lib/aarch64-linux-gnu/pkgconfig:${SPLINEMAP_SYSROOT}/usr/share/pkgconfig)
