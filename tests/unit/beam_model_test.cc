@@ -162,6 +162,26 @@ TEST(BeamModelTest, EveryKernelMakesTheBytesOfThePlainOne) {
   }
 }
 
+// Of later scans control points move a part of the way, which is rounded.
+TEST(BeamModelTest, EveryKernelMakesTheBytesOfThePlainOneScanAfterScan) {
+  const std::vector<PlacedBeam> beams = RandomBeams(2000);
+  const auto map_of = [&](const ScanKernel& kernel) {
+    MapWriter map({kKnot, {}});
+    Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+    ScanScratch scratch(kernel);
+    for (size_t first = 0; first < beams.size(); first += 500) {
+      BeamModel({}, kKnot).Accumulate({&beams[first], 500}, scratch);
+      scratch.CommitTo(layer, map.options().limits);
+    }
+    return map.View();
+  };
+  const auto plain = map_of(ScanKernels().front());
+  for (const ScanKernel& kernel : ScanKernels()) {
+    SCOPED_TRACE(kernel.name);
+    ExpectEqual(*plain, *map_of(kernel));
+  }
+}
+
 // Beams so close to each other that weights of free space saturate, as far as a face beside them.
 TEST(BeamModelTest, EveryKernelMakesTheBytesOfThePlainOneWhereWeightsSaturate) {
   std::vector<PlacedBeam> beams;
