@@ -265,4 +265,34 @@ TEST(SettledCellsTest, NoKernelTouchesWhatIsSettled) {
   }
 }
 
+// Those of wide limits, where differences to the value of free space need more than 16 bits.
+TEST(FreeWeightsTest, ControlPointsMoveAPartOfTheWayInEveryKernel) {
+  constexpr ControlLimits kWide{-32767, 32767};
+  for (const ScanKernel& kernel : ScanKernels()) {
+    SCOPED_TRACE(kernel.name);
+    SumPlane<uint16_t> plane;
+    uint16_t* const free = plane.At(0, 0)->TileAt(0, 0);
+    Tile before;
+    Tile expected;
+    Tile after;
+    for (int k = 0; k < Tile::kSize; ++k) {
+      const int old = 64 * k - 32767;
+      const int weight = k * 7 % 3000;
+      const int difference = std::max(SignedDistance::kFree - old, -32768);
+      const int share = difference * std::min(weight, SignedDistance::kMostWeight);
+      const int moved =
+          old + ((share + (1 << (SignedDistance::kForgetBits - 1))) >> SignedDistance::kForgetBits);
+      free[k / Tile::kSide * FreeBlock::kStride + k % Tile::kSide] = static_cast<uint16_t>(weight);
+      before.control_points[k] = static_cast<ControlPoint>(old);
+      expected.control_points[k] = static_cast<ControlPoint>(weight == 0 || moved != 0 ? moved : 1);
+    }
+    TileCells settled = 0;
+    EXPECT_TRUE(kernel.commit_distances(free, RowGroups::kWholeTile, nullptr, 0, kWide,
+                                        before.control_points.data(), after.control_points.data(),
+                                        settled));
+    EXPECT_EQ(after, expected);
+    EXPECT_EQ(settled, SettledCellsOf(after));
+  }
+}
+
 }  // namespace splinemap::scan_scratch_test
