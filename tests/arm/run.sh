@@ -41,8 +41,8 @@ work=$PWD/build/arm
 sysroot=$work/sysroot
 build=$work/arm64
 
-# The development packages of the build and what they depend on, unpacked. apt-get has folders of its
-# own, where arm64 is the only architecture and nothing is installed.
+# The development packages of the build and what they depend on, unpacked. apt-get has folders of
+# its own, where arm64 is the only architecture and nothing is installed.
 make_sysroot() {
   local package packages=(libc6-dev libstdc++-12-dev libgtest-dev)
   for package in "${BUILD_PACKAGES[@]}"; do
@@ -64,9 +64,10 @@ Dir::Cache "$work/apt/cache";
 Dir::Etc::sourcelist "$work/apt/sources.list";
 Dir::Etc::sourceparts "/nonexistent";
 EOF
+  local debian='[signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org'
   cat > "$work/apt/sources.list" << EOF
-deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian $VERSION_CODENAME main
-deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian-security $VERSION_CODENAME-security main
+deb $debian/debian $VERSION_CODENAME main
+deb $debian/debian-security $VERSION_CODENAME-security main
 EOF
   APT_CONFIG=$work/apt/apt.conf apt-get update -qq
   APT_CONFIG=$work/apt/apt.conf apt-get install --download-only -qq -y "${packages[@]}" > /dev/null

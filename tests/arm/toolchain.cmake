@@ -12,5 +12,5 @@ set(CMAKE_FIND_ROOT_PATH_MODE_LIBRARY ONLY)
 set(CMAKE_FIND_ROOT_PATH_MODE_INCLUDE ONLY)
 set(CMAKE_FIND_ROOT_PATH_MODE_PACKAGE ONLY)
 set(ENV{PKG_CONFIG_SYSROOT_DIR} ${SPLINEMAP_SYSROOT})
-set(ENV{PKG_CONFIG_LIBDIR}
-    ${SPLINEMAP_SYSROOT}/usr/lib/aarch64-linux-gnu/pkgconfig:${SPLINEMAP_SYSROOT}/usr/share/pkgconfig)
+set(usr ${SPLINEMAP_SYSROOT}/usr)
+set(ENV{PKG_CONFIG_LIBDIR} ${usr}/lib/aarch64-linux-gnu/pkgconfig:${usr}/share/pkgconfig)
