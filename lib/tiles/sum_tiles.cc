@@ -20,40 +20,74 @@ struct Sixteen {
   typedef int32_t Sums __attribute__((vector_size(64)));
 };
 
-// A row, which is one cache line of each tile, at a time. Inlined, so that each caller has it in
-// its own instructions.
+// Sums of a row, which is one cache line of each tile, and what was touched of it.
+template <typename Vector>
+struct RowSums {
+  static constexpr int kVectors = Tile::kSide / Vector::kCount;
+  typename Vector::Sums sums[kVectors];
+  typename Vector::Points touched[kVectors];
+};
+
+// Inlined, so that each caller has it in its own instructions.
+template <typename Vector>
+__attribute__((always_inline)) inline void AddRows(const Tile* const* tiles, size_t count, int row,
+                                                   RowSums<Vector>& to) {
+  constexpr int kRowsAhead = 4;
+  RowSums<Vector> row_sums = to;
+  for (size_t n = 0; n < count; ++n) {
+    if (tiles[n] == nullptr) continue;
+    const ControlPoint* first = tiles[n]->control_points.data() + row * Tile::kSide;
+    __builtin_prefetch(first + kRowsAhead * Tile::kSide);
+    typename Vector::Points points[RowSums<Vector>::kVectors];
+    std::memcpy(points, first, sizeof(points));
+#pragma GCC unroll 4
+    for (int k = 0; k < RowSums<Vector>::kVectors; ++k) {
+      row_sums.sums[k] += __builtin_convertvector(points[k], typename Vector::Sums);
+      row_sums.touched[k] |= points[k];
+    }
+  }
+  to = row_sums;
+}
+
+template <typename Vector>
+__attribute__((always_inline)) inline void StoreRow(const RowSums<Vector>& row_sums,
+                                                    ControlLimits limits, ControlPoint* to) {
+  using Sums = typename Vector::Sums;
+  const Sums min = Sums{} + limits.min;
+  const Sums max = Sums{} + limits.max;
+  typename Vector::Points points[RowSums<Vector>::kVectors];
+#pragma GCC unroll 4
+  for (int k = 0; k < RowSums<Vector>::kVectors; ++k) {
+    Sums sum = row_sums.sums[k] < min ? min : row_sums.sums[k];
+    sum = sum > max ? max : sum;
+    sum -= sum == 0;  // a comparison that holds is -1: what was touched is never 0
+    points[k] = __builtin_convertvector(sum, typename Vector::Points) & (row_sums.touched[k] != 0);
+  }
+  std::memcpy(to, points, sizeof(points));
+}
+
 template <typename Vector>
 __attribute__((always_inline)) inline void Merge(const std::vector<const Tile*>& tiles,
                                                  ControlLimits limits, Tile& merged) {
-  using Points = typename Vector::Points;
-  using Sums = typename Vector::Sums;
-  constexpr int kVectors = Tile::kSide / Vector::kCount;
-  constexpr int kRowsAhead = 4;  // no processor foresees the rows of many tiles
-  const Sums min = Sums{} + limits.min;
-  const Sums max = Sums{} + limits.max;
-  for (int row = 0; row < Tile::kSize; row += Tile::kSide) {
-    Sums sums[kVectors] = {};
-    Points touched[kVectors] = {};
-    Points points[kVectors];
-    for (const Tile* tile : tiles) {
-      if (tile == nullptr) continue;
-      const ControlPoint* first = tile->control_points.data() + row;
-      __builtin_prefetch(first + kRowsAhead * Tile::kSide);
-      std::memcpy(points, first, sizeof(points));
-#pragma GCC unroll 4
-      for (int k = 0; k < kVectors; ++k) {
-        sums[k] += __builtin_convertvector(points[k], Sums);
-        touched[k] |= points[k];
-      }
+  // No processor foresees the rows of more tiles. What they add up to stays in the fastest cache.
+  constexpr size_t kAtOnce = 8;
+  if (tiles.size() <= kAtOnce) {
+    for (int row = 0; row < Tile::kSide; ++row) {
+      RowSums<Vector> row_sums{};
+      AddRows(tiles.data(), tiles.size(), row, row_sums);
+      StoreRow(row_sums, limits, &merged.control_points[row * Tile::kSide]);
     }
-#pragma GCC unroll 4
-    for (int k = 0; k < kVectors; ++k) {
-      Sums sum = sums[k] < min ? min : sums[k];
-      sum = sum > max ? max : sum;
-      sum -= sum == 0;  // a comparison that holds is -1: what was touched is never 0
-      points[k] = __builtin_convertvector(sum, Points) & (touched[k] != 0);
+    return;
+  }
+  RowSums<Vector> rows[Tile::kSide] = {};
+  for (size_t begin = 0; begin < tiles.size(); begin += kAtOnce) {
+    const size_t left = tiles.size() - begin;
+    for (int row = 0; row < Tile::kSide; ++row) {
+      AddRows(tiles.data() + begin, left < kAtOnce ? left : kAtOnce, row, rows[row]);
     }
-    std::memcpy(merged.control_points.data() + row, points, sizeof(points));
+  }
+  for (int row = 0; row < Tile::kSide; ++row) {
+    StoreRow(rows[row], limits, &merged.control_points[row * Tile::kSide]);
   }
 }
 
