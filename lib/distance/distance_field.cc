@@ -44,6 +44,13 @@ int32_t GapOfBlocks(int blocks) {
   return blocks == 0 ? 0 : kBlockUnits * (std::abs(blocks) - 1) + 1;
 }
 
+// How far, squared, what is nearest to a vertex of a block may be, if something is so far from its
+// centre.
+int32_t EndSquared(int32_t squared) {
+  constexpr double kToCorner = std::numbers::sqrt2 * (kBlockUnits - kUnits) / 2;
+  return static_cast<int32_t>(std::ceil(std::pow(std::sqrt(squared) + kToCorner, 2)));
+}
+
 Site CentreOf(int x, int y) { return {2 * x + 1, 2 * y + 1}; }
 
 // Calls f(x) for each bit of a row.
@@ -119,25 +126,13 @@ DistanceField DistanceFieldEditor::Update(std::shared_ptr<const MapView> map) {
                        map->options.knot_interval_m == map_->options.knot_interval_m;
   if (!goes_on) BeginAnew(*map);
   bounds_.Use(map);
-  std::set<TileKey> around;
-  map->tiles.ForEachChanged(map_->tiles.version(), [&](TileKey key, const TileTree::Entry&) {
-    ForEachAround(key, [&](TileKey beside) { around.insert(beside); });
-  });
-  std::vector<TileKey> touched;
-  for (const TileKey key : around) {
-    if (bounds_.Find(key) != nullptr) touched.push_back(key);
-  }
-
   absl::flat_hash_map<TileKey, BlockMask> marked;
-  if (options_.unknown == UnknownPolicy::kBlocked) {
-    for (const TileKey key : touched) {
-      if (tiles_.tree().Find(key) == nullptr) marked[key] = ~BlockMask{0};
-    }
-  }
-  const std::vector<Change> changes = UpdateObstacles(*map, touched);
+  const std::vector<Change> changes = UpdateObstacles(*map, marked);
   UpdateRims(changes);
   for (const Change& change : changes) MarkBlocksNear(change, marked);
-  for (const auto& [key, blocks] : marked) UpdateTile(key, blocks);
+  for (const auto& [key, blocks] : marked) {
+    if (blocks != 0) UpdateTile(key, blocks);
+  }
   map_ = std::move(map);
 
   DistanceField field;
@@ -174,15 +169,35 @@ const ObstacleSquares& DistanceFieldEditor::SquaresAt(TileKey key) const {
 }
 
 std::vector<DistanceFieldEditor::Change> DistanceFieldEditor::UpdateObstacles(
-    const MapView& map, absl::Span<const TileKey> touched) {
+    const MapView& map, absl::flat_hash_map<TileKey, BlockMask>& marked) {
+  absl::flat_hash_map<TileKey, CellMask> changed_points;
+  std::set<TileKey> touched;
+  map.tiles.ForEachChanged(map_->tiles.version(), [&](TileKey key, const TileTree::Entry& entry) {
+    static const Tile kUntouched;
+    const std::shared_ptr<const Tile> before = FindTile(map_->tiles, key);
+    changed_points[key] =
+        ChangedPoints(before == nullptr ? kUntouched : *before, *entry.tile->Get());
+    ForEachAround(key, [&](TileKey beside) { touched.insert(beside); });
+  });
   std::vector<Change> changes;
   changed_.clear();
-  ObstacleRasterizer finder(map.tiles, options_.occupied_log_odds * kUnitsPerLogOdds,
-                            options_.unknown);
+  const ObstacleRasterizer finder(options_.occupied_log_odds * kUnitsPerLogOdds, options_.unknown);
   for (const TileKey key : touched) {
-    ObstacleSquares squares = SquaresAt(key);
-    finder.Update(key, *bounds_.Find(key), ChangedCells(map_->tiles, map.tiles, key), squares);
-    AddChanges(key, SquaresAt(key), squares, changes);
+    if (options_.unknown == UnknownPolicy::kBlocked && tiles_.tree().Find(key) == nullptr) {
+      marked[key] = ~BlockMask{0};
+    }
+    const CellMask cells = ChangedCells(key, [&](TileKey at) -> const CellMask& {
+      static const CellMask kNone{};
+      const auto found = changed_points.find(at);
+      return found == changed_points.end() ? kNone : found->second;
+    });
+    const bool is_known = options_.unknown == UnknownPolicy::kFree || obstacles_.contains(key);
+    if (is_known && cells == CellMask()) continue;
+    const ObstacleSquares& before = SquaresAt(key);
+    ObstacleSquares squares = before;
+    finder.Update({map.tiles, key}, cells, squares);
+    if (is_known && squares == before) continue;
+    AddChanges(key, before, squares, changes);
     if (options_.unknown == UnknownPolicy::kFree && squares.IsEmpty()) {
       obstacles_.erase(key);
       continue;
@@ -252,13 +267,17 @@ void DistanceFieldEditor::UpdateRims(absl::Span<const Change> changes) {
   absl::flat_hash_set<TileKey> beside;
   for (const Change& change : changes) {
     const auto [tx, ty] = change.tile;
-    beside.insert({{tx, ty}, {tx - 1, ty}, {tx + 1, ty}, {tx, ty - 1}, {tx, ty + 1}});
+    beside.insert({tx, ty});
+    if (change.low.x == 1) beside.insert({tx - 1, ty});
+    if (change.low.y == 1) beside.insert({tx, ty - 1});
+    if (change.high.x == kTileUnits - 1) beside.insert({tx + 1, ty});
+    if (change.high.y == kTileUnits - 1) beside.insert({tx, ty + 1});
   }
   for (const TileKey key : beside) {
     const auto found = obstacles_.find(key);
     if (found == obstacles_.end()) continue;
     Obstacles& obstacles = *found->second;
-    obstacles.boundary.clear();
+    obstacles.boundary.size = 0;
     const TileNeighborhood surroundings(*this, key);
     std::array<Row, ObstacleSquares::kSide> rows;
     for (int y = 0; y < ObstacleSquares::kSide; ++y) rows[y] = surroundings.Rim(y);
@@ -267,15 +286,17 @@ void DistanceFieldEditor::UpdateRims(absl::Span<const Change> changes) {
       const int y0 = kSquaresOfBlock * (block / kBlocks);
       for (int y = y0; y < y0 + kSquaresOfBlock; ++y) {
         ForEachBit(PartOf(rows[y], block % kBlocks),
-                   [&](int x) { obstacles.boundary.push_back(CentreOf(x0 + x, y)); });
+                   [&](int x) { obstacles.boundary.Add(CentreOf(x0 + x, y)); });
       }
-      obstacles.ends[block + 1] = static_cast<int>(obstacles.boundary.size());
+      obstacles.ends[block + 1] = static_cast<int>(obstacles.boundary.size);
     }
   }
 }
 
 void DistanceFieldEditor::MarkBlocksNear(const Change& change,
                                          absl::flat_hash_map<TileKey, BlockMask>& marked) const {
+  // What came or went matters where it is not farther than what a vertex has.
+  const auto sites = absl::MakeConstSpan(changed_).subspan(change.begin, change.end - change.begin);
   for (int dy = -reach_tiles_; dy <= reach_tiles_; ++dy) {
     for (int dx = -reach_tiles_; dx <= reach_tiles_; ++dx) {
       const TileKey key{change.tile.tx + dx, change.tile.ty + dy};
@@ -283,62 +304,57 @@ void DistanceFieldEditor::MarkBlocksNear(const Change& change,
       const int32_t y = Gap(kTileUnits * dy, kTileUnits * (dy + 1), change.low.y, change.high.y);
       if (Square(x) + Square(y) > Square(reach_) || !IsInRange(key)) continue;
       if (options_.unknown == UnknownPolicy::kBlocked && !obstacles_.contains(key)) continue;
-      const DistanceTile* tile = tiles_.tree().Find(key);
-      const auto found = marked.find(key);
-      const BlockMask before = found == marked.end() ? 0 : found->second;
-      BlockMask blocks = before;
-      for (int block = 0; block < kBlocks * kBlocks; ++block) {
-        const auto bit = static_cast<BlockMask>(1 << block);
-        if ((blocks & bit) != 0) continue;
-        if (IsNearAny(change, key, tile == nullptr ? *nothing_near_ : *tile, block)) blocks |= bit;
+      const DistanceTile* found = tiles_.tree().Find(key);
+      const DistanceTile& tile = found == nullptr ? *nothing_near_ : *found;
+      BlockMask near = BlocksNear(change, key, tile);
+      if (near == 0) continue;
+      BlockMask& blocks = marked[key];
+      near &= ~blocks;
+      for (; near != 0; near &= near - 1) {
+        const int block = std::countr_zero(near);
+        const VertexBlock vertices = BlockOf(block);
+        const VertexBlock from_change{Tile::kSide * dx + vertices.x0,
+                                      Tile::kSide * dy + vertices.y0};
+        const SiteOffset* offsets = &tile.nearest[IndexInTile(vertices.x0, vertices.y0)];
+        if (IsAnyAsNear(sites, from_change, offsets, Square(reach_))) blocks |= near & -near;
       }
-      if (blocks != before) marked[key] = blocks;
     }
   }
 }
 
-// Whether a vertex of the block may have something of the change as its nearest, before or after
-// it: what came or went is not farther than what it has.
-bool DistanceFieldEditor::IsNearAny(const Change& change, TileKey key, const DistanceTile& tile,
-                                    int block) const {
-  const VertexBlock vertices = BlockOf(block);
-  const int32_t x0 = kTileUnits * (key.tx - change.tile.tx) + kUnits * vertices.x0;
-  const int32_t y0 = kTileUnits * (key.ty - change.tile.ty) + kUnits * vertices.y0;
-  const auto squared_gap = [&](const Site& low, const Site& high) {
-    constexpr int32_t kWidth = kBlockUnits - kUnits;
-    return Square(Gap(x0, x0 + kWidth, low.x, high.x)) +
-           Square(Gap(y0, y0 + kWidth, low.y, high.y));
-  };
-  const int32_t longest = tile.longest[block];
-  if (squared_gap(change.low, change.high) > longest) return false;
-  std::array<int32_t, VertexBlock::kSize> has;
-  for (int n = 0; n < VertexBlock::kSize; ++n) {
-    const Offset offset = tile.nearest[IndexInTile(vertices.x0 + n % VertexBlock::kSide,
-                                                   vertices.y0 + n / VertexBlock::kSide)];
-    has[n] = offset.x == Offset::kNone ? Square(reach_) : Square(offset.x) + Square(offset.y);
+// Those with a vertex that may be no farther from a square of the change than from what it has.
+DistanceFieldEditor::BlockMask DistanceFieldEditor::BlocksNear(const Change& change, TileKey key,
+                                                               const DistanceTile& tile) {
+  constexpr int32_t kWidth = kBlockUnits - kUnits;
+  std::array<int32_t, kBlocks> squares_x;
+  std::array<int32_t, kBlocks> squares_y;
+  for (int k = 0; k < kBlocks; ++k) {
+    const int32_t x0 = kTileUnits * (key.tx - change.tile.tx) + kBlockUnits * k;
+    const int32_t y0 = kTileUnits * (key.ty - change.tile.ty) + kBlockUnits * k;
+    squares_x[k] = Square(Gap(x0, x0 + kWidth, change.low.x, change.high.x));
+    squares_y[k] = Square(Gap(y0, y0 + kWidth, change.low.y, change.high.y));
   }
-  for (int k = change.begin; k < change.end; ++k) {
-    const Site& site = changed_[k];
-    if (squared_gap(site, site) > longest) continue;
-    std::array<int32_t, VertexBlock::kSide> squares_x;
-    for (int x = 0; x < VertexBlock::kSide; ++x) squares_x[x] = Square(x0 + kUnits * x - site.x);
-    int num_near = 0;
-    for (int y = 0; y < VertexBlock::kSide; ++y) {
-      const int32_t square_y = Square(y0 + kUnits * y - site.y);
-      for (int x = 0; x < VertexBlock::kSide; ++x) {
-        num_near += squares_x[x] + square_y <= has[VertexBlock::kSide * y + x] ? 1 : 0;
-      }
-    }
-    if (num_near > 0) return true;
+  BlockMask blocks = 0;
+  for (int block = 0; block < kBlocks * kBlocks; ++block) {
+    const bool is_near =
+        squares_x[block % kBlocks] + squares_y[block / kBlocks] <= tile.longest[block];
+    blocks |= static_cast<BlockMask>(is_near << block);
   }
-  return false;
+  return blocks;
+}
+
+// The reach where nothing is near.
+int32_t DistanceFieldEditor::SquaredLength(const Offset& offset) const {
+  return offset.x == Offset::kNone ? Square(reach_) : Square(offset.x) + Square(offset.y);
 }
 
 void DistanceFieldEditor::UpdateTile(TileKey key, BlockMask blocks) {
   const DistanceTile* before = tiles_.tree().Find(key);
   DistanceTile tile = before == nullptr ? *nothing_near_ : *before;
+  FindObstaclesAround(key);
+  const TileNeighborhood surroundings(*this, key);
   for (int block = 0; block < kBlocks * kBlocks; ++block) {
-    if ((blocks >> block & 1) != 0) UpdateBlock(key, BlockOf(block), tile);
+    if ((blocks >> block & 1) != 0) UpdateBlock(BlockOf(block), surroundings, tile);
   }
   if (tile != *nothing_near_) {
     tiles_.Edit(key, 0) = tile;
@@ -347,81 +363,98 @@ void DistanceFieldEditor::UpdateTile(TileKey key, BlockMask blocks) {
   }
 }
 
-void DistanceFieldEditor::UpdateBlock(TileKey key, const VertexBlock& block, DistanceTile& tile) {
-  GatherSitesAround(key, block);
-  LeaveOutHidden(sites_, block);
+void DistanceFieldEditor::UpdateBlock(const VertexBlock& block,
+                                      const TileNeighborhood& surroundings, DistanceTile& tile) {
+  GatherSitesAround(block);
+  const bool is_any = sites_.size > 0;
   std::array<Site, VertexBlock::kSize> nearest;
-  if (!sites_.empty()) nearest = NearestSites(sites_, block);
-  const TileNeighborhood surroundings(*this, key);
+  if (is_any) nearest = nearest_sites_.Find(sites_, block);
   int32_t longest = 0;
-  for (int y = block.y0; y < block.y0 + VertexBlock::kSide; ++y) {
+  for (int y = 0; y < VertexBlock::kSide; ++y) {
+    Offset* offsets = &tile.nearest[IndexInTile(block.x0, block.y0 + y)];
+    for (int x = 0; x < VertexBlock::kSide; ++x) {
+      const Site& site = nearest[VertexBlock::kSide * y + x];
+      const Site way{site.x - kUnits * (block.x0 + x), site.y - kUnits * (block.y0 + y)};
+      const bool is_near = is_any && Square(way.x) + Square(way.y) <= Square(reach_);
+      offsets[x] =
+          is_near ? Offset{static_cast<int16_t>(way.x), static_cast<int16_t>(way.y)} : Offset();
+    }
     // The squares that have a vertex as their corner: no other is nearer, and not all of them have
     // to be at the boundary.
-    const int above = ObstacleSquares::kPerKnot * y;
-    const std::array<Row, 4> corners{surroundings.LeftOf(above - 1), surroundings.At(above - 1),
-                                     surroundings.LeftOf(above), surroundings.At(above)};
-    for (int x = block.x0; x < block.x0 + VertexBlock::kSide; ++x) {
-      Offset offset;
-      int32_t squared = Square(reach_) + 1;
-      if (!sites_.empty()) {
-        const Site& site = nearest[VertexBlock::kSide * (y - block.y0) + x - block.x0];
-        const Site way{site.x - kUnits * x, site.y - kUnits * y};
-        offset = {static_cast<int16_t>(way.x), static_cast<int16_t>(way.y)};
-        squared = Square(way.x) + Square(way.y);
-      }
-      for (int k = 3; k >= 0; --k) {
-        if ((corners[k] >> (ObstacleSquares::kPerKnot * x) & 1) == 0) continue;
-        offset = {static_cast<int16_t>(k % 2 == 0 ? -1 : 1), static_cast<int16_t>(k < 2 ? -1 : 1)};
-        squared = 2;
-      }
-      const bool is_near = squared <= Square(reach_);
-      tile.nearest[IndexInTile(x, y)] = is_near ? offset : Offset();
-      longest = std::max(longest, is_near ? squared : Square(reach_));
+    const int above = ObstacleSquares::kPerKnot * (block.y0 + y);
+    const int bx = block.x0 / VertexBlock::kSide;
+    const std::array<uint32_t, 4> corners{
+        PartOf(surroundings.LeftOf(above - 1), bx), PartOf(surroundings.At(above - 1), bx),
+        PartOf(surroundings.LeftOf(above), bx), PartOf(surroundings.At(above), bx)};
+    constexpr uint32_t kVertices = 0x11111111;
+    for (int k = 3; k >= 0; --k) {
+      ForEachBit(corners[k] & kVertices, [&](int bit) {
+        offsets[bit / ObstacleSquares::kPerKnot] = {static_cast<int16_t>(k % 2 == 0 ? -1 : 1),
+                                                    static_cast<int16_t>(k < 2 ? -1 : 1)};
+      });
+    }
+    for (int x = 0; x < VertexBlock::kSide; ++x) {
+      longest = std::max(longest, SquaredLength(offsets[x]));
     }
   }
   tile.longest[kBlocks * (block.y0 / VertexBlock::kSide) + block.x0 / VertexBlock::kSide] = longest;
 }
 
+// Those of the tiles within reach.
+void DistanceFieldEditor::FindObstaclesAround(TileKey key) {
+  around_ = {std::max(key.tx - reach_tiles_, obstacles_box_.tx0),
+             std::max(key.ty - reach_tiles_, obstacles_box_.ty0),
+             std::min(key.tx + reach_tiles_ + 1, obstacles_box_.tx1),
+             std::min(key.ty + reach_tiles_ + 1, obstacles_box_.ty1)};
+  obstacles_around_.clear();
+  for (int32_t ty = around_.ty0; ty < around_.ty1; ++ty) {
+    for (int32_t tx = around_.tx0; tx < around_.tx1; ++tx) {
+      const auto found = obstacles_.find({tx, ty});
+      obstacles_around_.push_back(found == obstacles_.end() ? nullptr : found->second.get());
+    }
+  }
+  around_ = {around_.tx0 - key.tx, around_.ty0 - key.ty, around_.tx1 - key.tx,
+             around_.ty1 - key.ty};
+}
+
 // All that can be nearest to a vertex of the block: ring by ring of the blocks around it, until
 // what is there is farther from all of them than the nearest so far.
-void DistanceFieldEditor::GatherSitesAround(TileKey key, const VertexBlock& block) {
+void DistanceFieldEditor::GatherSitesAround(const VertexBlock& block) {
   constexpr int32_t kHalf = (kBlockUnits - kUnits) / 2;
-  sites_.clear();
+  sites_.size = 0;
   const int bx = block.x0 / VertexBlock::kSide;
   const int by = block.y0 / VertexBlock::kSide;
+  const Site centre{kUnits * block.x0 + kHalf, kUnits * block.y0 + kHalf};
+  int32_t end_squared = Square(reach_);
   int32_t least = std::numeric_limits<int32_t>::max();
-  double end = reach_;
-  // Of the blocks that have obstacles, from this one.
-  const int left = kBlocks * (obstacles_box_.tx0 - key.tx) - bx;
-  const int right = kBlocks * (obstacles_box_.tx1 - key.tx) - bx - 1;
-  const int low = kBlocks * (obstacles_box_.ty0 - key.ty) - by;
-  const int high = kBlocks * (obstacles_box_.ty1 - key.ty) - by - 1;
+  // Of the blocks around, from this one.
+  const int left = kBlocks * around_.tx0 - bx;
+  const int right = kBlocks * around_.tx1 - bx - 1;
+  const int low = kBlocks * around_.ty0 - by;
+  const int high = kBlocks * around_.ty1 - by - 1;
   const int first = std::max({left, -right, low, -high, 0});
   const int last = std::max({-left, right, -low, high});
-  for (int ring = first; ring <= last && GapOfBlocks(ring) <= end; ++ring) {
+  for (int ring = first; ring <= last && Square(GapOfBlocks(ring)) <= end_squared; ++ring) {
     for (int dy = std::max(-ring, low); dy <= std::min(ring, high); ++dy) {
       const int step = std::abs(dy) == ring ? 1 : 2 * ring;
       for (int dx = -ring; dx <= ring; dx += step) {
         if (dx < left || dx > right) continue;
-        if (Square(GapOfBlocks(dx)) + Square(GapOfBlocks(dy)) > end * end) continue;
+        if (Square(GapOfBlocks(dx)) + Square(GapOfBlocks(dy)) > end_squared) continue;
         const int x = bx + dx;
         const int y = by + dy;
         const int tx = x >> 2;
         const int ty = y >> 2;
-        const auto found = obstacles_.find({key.tx + tx, key.ty + ty});
-        if (found == obstacles_.end()) continue;
-        const Obstacles& obstacles = *found->second;
+        const Obstacles* obstacles =
+            obstacles_around_[(ty - around_.ty0) * (around_.tx1 - around_.tx0) + tx - around_.tx0];
+        if (obstacles == nullptr) continue;
         const int k = kBlocks * (y & (kBlocks - 1)) + (x & (kBlocks - 1));
-        for (int n = obstacles.ends[k]; n < obstacles.ends[k + 1]; ++n) {
-          const Site site{obstacles.boundary[n].x + kTileUnits * tx,
-                          obstacles.boundary[n].y + kTileUnits * ty};
-          sites_.push_back(site);
-          const int32_t squared = Square(site.x - kUnits * block.x0 - kHalf) +
-                                  Square(site.y - kUnits * block.y0 - kHalf);
-          if (squared >= least) continue;
-          least = squared;
-          end = std::min<double>(reach_, std::sqrt(squared) + std::numbers::sqrt2 * kHalf);
-        }
+        if (obstacles->ends[k] == obstacles->ends[k + 1]) continue;
+        const int32_t least_here =
+            AddSites(obstacles->boundary, obstacles->ends[k], obstacles->ends[k + 1],
+                     {kTileUnits * tx, kTileUnits * ty}, centre, sites_);
+        if (least_here >= least) continue;
+        least = least_here;
+        end_squared = std::min(Square(reach_), EndSquared(least));
       }
     }
   }

@@ -33,14 +33,7 @@ struct DistanceFieldOptions {
 struct DistanceTile {
   static constexpr int kBlocks = Tile::kSide / VertexBlock::kSide;  // each way
 
-  // To the centre of a square of 1/4 knot interval, in eighths.
-  struct Offset {
-    static constexpr int16_t kNone = INT16_MIN;  // nothing is near
-
-    int16_t x = kNone;
-    int16_t y = kNone;
-    bool operator==(const Offset&) const = default;
-  };
+  using Offset = SiteOffset;
   std::array<Offset, Tile::kSize> nearest;
   // The longest of a block, squared; the greatest reach where nothing is near.
   std::array<int32_t, kBlocks * kBlocks> longest;
@@ -106,7 +99,7 @@ class DistanceFieldEditor {
     ObstacleSquares squares;
     // The centres of those squares that do not lie between four others, by block: block k has
     // those from ends[k] on to ends[k + 1].
-    std::vector<Site> boundary;
+    Sites boundary;
     std::array<int, kBlocks * kBlocks + 1> ends{};
   };
   // The centres of squares of a block that came or went, in changed_, and the box around them.
@@ -120,15 +113,19 @@ class DistanceFieldEditor {
   class TileNeighborhood;
 
   void BeginAnew(const MapView& map);
-  std::vector<Change> UpdateObstacles(const MapView& map, absl::Span<const TileKey> touched);
+  std::vector<Change> UpdateObstacles(const MapView& map,
+                                      absl::flat_hash_map<TileKey, BlockMask>& marked);
   void AddChanges(TileKey key, const ObstacleSquares& before, const ObstacleSquares& after,
                   std::vector<Change>& changes);
   void UpdateRims(absl::Span<const Change> changes);
   void MarkBlocksNear(const Change& change, absl::flat_hash_map<TileKey, BlockMask>& marked) const;
-  bool IsNearAny(const Change& change, TileKey key, const DistanceTile& tile, int block) const;
+  static BlockMask BlocksNear(const Change& change, TileKey key, const DistanceTile& tile);
+  int32_t SquaredLength(const DistanceTile::Offset& offset) const;
   void UpdateTile(TileKey key, BlockMask blocks);
-  void UpdateBlock(TileKey key, const VertexBlock& block, DistanceTile& tile);
-  void GatherSitesAround(TileKey key, const VertexBlock& block);
+  void UpdateBlock(const VertexBlock& block, const TileNeighborhood& surroundings,
+                   DistanceTile& tile);
+  void FindObstaclesAround(TileKey key);
+  void GatherSitesAround(const VertexBlock& block);
   const ObstacleSquares& SquaresAt(TileKey key) const;
 
   const DistanceFieldOptions options_;
@@ -143,7 +140,12 @@ class DistanceFieldEditor {
   KeyTreeEditor<DistanceTile> tiles_;
   std::shared_ptr<const DistanceTile> nothing_near_;
   std::vector<Site> changed_;
-  std::vector<Site> sites_;  // of the block that is being updated
+  // Of the tile that is being updated: the obstacles by tile, null where there are none, and in
+  // which box of tiles, from it.
+  std::vector<const Obstacles*> obstacles_around_;
+  TileBox around_;
+  Sites sites_;  // of the block that is being updated
+  NearestSites nearest_sites_;
 };
 
 }  // namespace splinemap

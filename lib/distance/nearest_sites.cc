@@ -1,80 +1,232 @@
 #include "lib/distance/nearest_sites.h"
 
 #include <algorithm>
+#include <bit>
 #include <cstdlib>
+#include <cstring>
 #include <limits>
+
+#include "splinemap/tile.h"
 
 namespace splinemap {
 namespace {
 
-typedef int32_t Integers4 __attribute__((vector_size(16)));
+#define SPLINEMAP_INLINE __attribute__((always_inline)) inline
 
-int32_t SquaredDistance(const Site& a, const Site& b) {
-  return (a.x - b.x) * (a.x - b.x) + (a.y - b.y) * (a.y - b.y);
+typedef int32_t Integers8 __attribute__((vector_size(32)));
+
+constexpr int kSide = VertexBlock::kSide;
+
+struct Scratch {
+  std::vector<int32_t>& squared;
+  std::vector<uint8_t>& is_kept;
+};
+
+// Leaves out sites that are nearest to no point of the block, whatever others there are: of two
+// sites, one whose side of their bisector has nothing of the block. Says which is the first of
+// those that are nearest to its centre.
+SPLINEMAP_INLINE Site LeaveOutHidden(Sites& sites, const VertexBlock& block, Scratch scratch) {
+  constexpr int32_t kHalf = Site::kUnits * (kSide - 1) / 2;
+  const int32_t centre_x = Site::kUnits * block.x0 + kHalf;
+  const int32_t centre_y = Site::kUnits * block.y0 + kHalf;
+  const size_t count = sites.size;
+  if (scratch.squared.size() < count) {
+    scratch.squared.resize(2 * count);
+    scratch.is_kept.resize(2 * count + sizeof(uint64_t));
+  }
+  int32_t* x = sites.x.data();
+  int32_t* y = sites.y.data();
+  int32_t* squared = scratch.squared.data();
+  uint8_t* is_kept = scratch.is_kept.data();
+  int32_t least = std::numeric_limits<int32_t>::max();
+  for (size_t k = 0; k < count; ++k) {
+    const int32_t dx = x[k] - centre_x;
+    const int32_t dy = y[k] - centre_y;
+    squared[k] = dx * dx + dy * dy;
+    least = squared[k] < least ? squared[k] : least;
+  }
+  const auto first = std::find(squared, squared + count, least) - squared;
+  const Site best{x[first], y[first]};
+  // |v - site|^2 - |v - best|^2 is linear in v: over the block it is at most so much less than at
+  // the centre.
+  for (size_t k = 0; k < count; ++k) {
+    const int32_t slack = 2 * kHalf * (std::abs(x[k] - best.x) + std::abs(y[k] - best.y));
+    is_kept[k] = squared[k] - least <= slack ? 1 : 0;
+  }
+  // Eight at once, since most are left out.
+  size_t num_kept = 0;
+  std::memset(is_kept + count, 0, sizeof(uint64_t));
+  for (size_t k = 0; k < count; k += sizeof(uint64_t)) {
+    uint64_t eight;
+    std::memcpy(&eight, is_kept + k, sizeof(eight));
+    for (; eight != 0; eight &= eight - 1) {
+      const size_t n = k + std::countr_zero(eight) / 8;
+      x[num_kept] = x[n];
+      y[num_kept] = y[n];
+      ++num_kept;
+    }
+  }
+  sites.size = num_kept;
+  return best;
 }
+
+SPLINEMAP_INLINE std::array<Site, VertexBlock::kSize> FindNearest(Sites& sites,
+                                                                  const VertexBlock& block,
+                                                                  Scratch scratch) {
+  const Site best = LeaveOutHidden(sites, block, scratch);
+  // How much farther a site is than `best`, squared: it changes from vertex to vertex by the same
+  // amount, and is a multiple of 8, since the square of an odd number is one more than that. An
+  // eighth of it is below 14 (|dx| + |dy|), so that there is room for a number beside it.
+  constexpr int kNumberBits = 10;
+  constexpr size_t kChunk = 1 << kNumberBits;
+  constexpr int32_t kMax = std::numeric_limits<int32_t>::max();
+  struct Ranks {
+    alignas(32) std::array<int32_t, kChunk> first;  // at the block's first vertex
+    alignas(32) std::array<int32_t, kChunk> step_x;
+    alignas(32) std::array<int32_t, kChunk> step_y;
+  } ranks;
+  const int32_t to_best_x = best.x - Site::kUnits * block.x0;
+  const int32_t to_best_y = best.y - Site::kUnits * block.y0;
+  std::array<Site, VertexBlock::kSize> nearest;
+  std::array<int32_t, VertexBlock::kSize> least_so_far;
+  for (size_t begin = 0; begin < sites.size; begin += kChunk) {
+    const auto count = static_cast<int32_t>(std::min(kChunk, sites.size - begin));
+    const int32_t* x = &sites.x[begin];
+    const int32_t* y = &sites.y[begin];
+    for (int32_t k = 0; k < count; ++k) {
+      const int32_t dx = x[k] - best.x;
+      const int32_t dy = y[k] - best.y;
+      const int32_t farther = dx * (2 * to_best_x + dx) + dy * (2 * to_best_y + dy);
+      ranks.first[k] = farther / 8 * static_cast<int32_t>(kChunk) + k;
+      ranks.step_x[k] = -2 * dx * static_cast<int32_t>(kChunk);
+      ranks.step_y[k] = -2 * dy * static_cast<int32_t>(kChunk);
+    }
+    for (int half = 0; half < 2; ++half) {
+      constexpr int kRows = kSide / 2;
+      const Integers8 columns{0, 1, 2, 3, 4, 5, 6, 7};
+      std::array<Integers8, kRows> least;
+      least.fill(Integers8{} + kMax);
+      for (int32_t k = 0; k < count; ++k) {
+        Integers8 rank =
+            ranks.first[k] + kRows * half * ranks.step_y[k] + ranks.step_x[k] * columns;
+        for (Integers8& least_of_row : least) {
+          least_of_row = rank < least_of_row ? rank : least_of_row;
+          rank += ranks.step_y[k];
+        }
+      }
+      for (int n = 0; n < kRows * kSide; ++n) {
+        const int vertex = kRows * kSide * half + n;
+        const int32_t rank = least[n / kSide][n % kSide];
+        if (begin > 0 && rank >> kNumberBits >= least_so_far[vertex]) continue;
+        const int32_t k = rank & static_cast<int32_t>(kChunk - 1);
+        least_so_far[vertex] = rank >> kNumberBits;
+        nearest[vertex] = {x[k], y[k]};
+      }
+    }
+  }
+  return nearest;
+}
+
+SPLINEMAP_INLINE int32_t CopySites(const int32_t* from_x, const int32_t* from_y, size_t count,
+                                   const Site& shift, const Site& centre, int32_t* to_x,
+                                   int32_t* to_y) {
+  int32_t least = std::numeric_limits<int32_t>::max();
+  for (size_t k = 0; k < count; ++k) {
+    to_x[k] = from_x[k] + shift.x;
+    to_y[k] = from_y[k] + shift.y;
+    const int32_t dx = to_x[k] - centre.x;
+    const int32_t dy = to_y[k] - centre.y;
+    const int32_t squared = dx * dx + dy * dy;
+    least = squared < least ? squared : least;
+  }
+  return least;
+}
+
+SPLINEMAP_INLINE bool FindAsNear(absl::Span<const Site> sites, const VertexBlock& block,
+                                 const SiteOffset* offsets, int32_t reach_squared) {
+  const Integers8 columns{0, 1, 2, 3, 4, 5, 6, 7};
+  std::array<Integers8, kSide> has;
+  for (int y = 0; y < kSide; ++y) {
+    Integers8 both;
+    static_assert(sizeof(both) == kSide * sizeof(SiteOffset));
+    std::memcpy(&both, offsets + Tile::kSide * y, sizeof(both));
+    const Integers8 high = both >> 16;
+    const Integers8 low = (both << 16) >> 16;
+    const Integers8 is_none = high == SiteOffset::kNone;
+    has[y] = is_none ? Integers8{} + reach_squared : low * low + (is_none ? 0 : high * high);
+  }
+  for (const Site& site : sites) {
+    const Integers8 dx = Site::kUnits * (block.x0 + columns) - site.x;
+    const Integers8 squares_x = dx * dx;
+    Integers8 is_near{};
+    for (int y = 0; y < kSide; ++y) {
+      const int32_t dy = Site::kUnits * (block.y0 + y) - site.y;
+      is_near |= squares_x + dy * dy <= has[y];
+    }
+    uint64_t parts[4];
+    std::memcpy(parts, &is_near, sizeof(parts));
+    if ((parts[0] | parts[1] | parts[2] | parts[3]) != 0) return true;
+  }
+  return false;
+}
+
+#ifdef __x86_64__
+const bool has_avx2 = __builtin_cpu_supports("avx2");
+
+__attribute__((target("avx2"))) int32_t CopySitesByAvx2(const int32_t* from_x,
+                                                        const int32_t* from_y, size_t count,
+                                                        const Site& shift, const Site& centre,
+                                                        int32_t* to_x, int32_t* to_y) {
+  return CopySites(from_x, from_y, count, shift, centre, to_x, to_y);
+}
+
+__attribute__((target("avx2"))) bool FindAsNearByAvx2(absl::Span<const Site> sites,
+                                                      const VertexBlock& block,
+                                                      const SiteOffset* offsets,
+                                                      int32_t reach_squared) {
+  return FindAsNear(sites, block, offsets, reach_squared);
+}
+
+__attribute__((target("avx2"))) std::array<Site, VertexBlock::kSize> FindNearestByAvx2(
+    Sites& sites, const VertexBlock& block, Scratch scratch) {
+  return FindNearest(sites, block, scratch);
+}
+#endif
 
 }  // namespace
 
-void LeaveOutHidden(std::vector<Site>& sites, const VertexBlock& block) {
-  if (sites.empty()) return;
-  constexpr int32_t kHalf = Site::kUnits * (VertexBlock::kSide - 1) / 2;
-  const Site centre{Site::kUnits * block.x0 + kHalf, Site::kUnits * block.y0 + kHalf};
-  Site best = sites[0];
-  int32_t least = std::numeric_limits<int32_t>::max();
-  for (const Site& site : sites) {
-    const int32_t squared = SquaredDistance(site, centre);
-    if (squared < least) best = site;
-    least = std::min(squared, least);
+int32_t AddSites(const Sites& others, size_t begin, size_t end, const Site& shift,
+                 const Site& centre, Sites& sites) {
+  const size_t size = sites.size;
+  const size_t count = end - begin;
+  sites.Add(count);
+  const int32_t* x = &others.x[begin];
+  const int32_t* y = &others.y[begin];
+#ifdef __x86_64__
+  if (has_avx2) {
+    return CopySitesByAvx2(x, y, count, shift, centre, &sites.x[size], &sites.y[size]);
   }
-  // |v - site|^2 - |v - best|^2 is linear in v: over the block it is at most so much less than at
-  // the centre.
-  size_t num_kept = 0;
-  for (const Site site : sites) {
-    const int32_t slack = 2 * kHalf * (std::abs(site.x - best.x) + std::abs(site.y - best.y));
-    sites[num_kept] = site;
-    num_kept += SquaredDistance(site, centre) - least <= slack ? 1 : 0;
-  }
-  sites.resize(num_kept);
+#endif
+  return CopySites(x, y, count, shift, centre, &sites.x[size], &sites.y[size]);
 }
 
-std::array<Site, VertexBlock::kSize> NearestSites(std::vector<Site>& sites,
-                                                  const VertexBlock& block) {
-  std::sort(sites.begin(), sites.end(),
-            [](const Site& a, const Site& b) { return a.y != b.y ? a.y < b.y : a.x < b.x; });
-  // Four vertices of a row at once, and few sites, whose squares stay in the fastest cache.
-  constexpr int kFours = VertexBlock::kSize / 4;
-  constexpr size_t kChunk = 64;
-  std::array<Integers4, kFours> least;
-  std::array<Integers4, kFours> best;
-  least.fill(Integers4{} + std::numeric_limits<int32_t>::max());
-  best.fill(Integers4{});
-  std::array<std::array<Integers4, kChunk>, 2> squares_x;
-  for (size_t begin = 0; begin < sites.size(); begin += kChunk) {
-    const size_t count = std::min(kChunk, sites.size() - begin);
-    for (int half = 0; half < 2; ++half) {
-      const Integers4 x = Site::kUnits * (block.x0 + 4 * half + Integers4{0, 1, 2, 3});
-      for (size_t k = 0; k < count; ++k) {
-        squares_x[half][k] = (x - sites[begin + k].x) * (x - sites[begin + k].x);
-      }
-    }
-    for (int four = 0; four < kFours; ++four) {
-      const int32_t y = Site::kUnits * (block.y0 + four / 2);
-      Integers4 least_of_four = least[four];
-      Integers4 best_of_four = best[four];
-      for (size_t k = 0; k < count; ++k) {
-        const int32_t dy = y - sites[begin + k].y;
-        const Integers4 squared = squares_x[four % 2][k] + dy * dy;
-        const Integers4 is_less = squared < least_of_four;
-        least_of_four = is_less ? squared : least_of_four;
-        best_of_four = is_less ? Integers4{} + static_cast<int32_t>(begin + k) : best_of_four;
-      }
-      least[four] = least_of_four;
-      best[four] = best_of_four;
-    }
-  }
-  std::array<Site, VertexBlock::kSize> nearest;
-  for (int n = 0; n < VertexBlock::kSize; ++n) nearest[n] = sites[best[n / 4][n % 4]];
-  return nearest;
+bool IsAnyAsNear(absl::Span<const Site> sites, const VertexBlock& block, const SiteOffset* offsets,
+                 int32_t reach_squared) {
+#ifdef __x86_64__
+  if (has_avx2) return FindAsNearByAvx2(sites, block, offsets, reach_squared);
+#endif
+  return FindAsNear(sites, block, offsets, reach_squared);
+}
+
+NearestSites::Nearest NearestSites::Find(Sites& sites, const VertexBlock& block) {
+#ifdef __x86_64__
+  if (has_avx2) return FindNearestByAvx2(sites, block, {squared_, is_kept_});
+#endif
+  return FindPlainly(sites, block);
+}
+
+NearestSites::Nearest NearestSites::FindPlainly(Sites& sites, const VertexBlock& block) {
+  return FindNearest(sites, block, {squared_, is_kept_});
 }
 
 }  // namespace splinemap

@@ -1,8 +1,11 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
+
+#include "absl/types/span.h"
 
 namespace splinemap {
 
@@ -15,6 +18,35 @@ struct Site {
   bool operator==(const Site&) const = default;
 };
 
+// From a vertex to a site.
+struct SiteOffset {
+  static constexpr int16_t kNone = INT16_MIN;  // nothing is near
+
+  int16_t x = kNone;
+  int16_t y = kNone;
+  bool operator==(const SiteOffset&) const = default;
+};
+
+// Many of them, by coordinate: the first `size` of what is there.
+struct Sites {
+  size_t size = 0;
+  std::vector<int32_t> x;
+  std::vector<int32_t> y;
+
+  // Room for so many more, which are to be written; larger vectors serve again.
+  void Add(size_t count) {
+    size += count;
+    if (x.size() >= size) return;
+    x.resize(2 * size);
+    y.resize(2 * size);
+  }
+  void Add(const Site& site) {
+    Add(1);
+    x[size - 1] = site.x;
+    y[size - 1] = site.y;
+  }
+};
+
 // 8 x 8 vertices of the knot grid, (x0, y0) the first of them, counted from the corner of a tile.
 struct VertexBlock {
   static constexpr int kSide = 8;
@@ -24,14 +56,31 @@ struct VertexBlock {
   int y0;
 };
 
-// Leaves out sites that are nearest to no point of the block, whatever others there are: of two
-// sites, one whose side of their bisector has nothing of the block.
-void LeaveOutHidden(std::vector<Site>& sites, const VertexBlock& block);
+// Adds [begin, end) of the others, moved by `shift`. The least squared distance from `centre`.
+int32_t AddSites(const Sites& others, size_t begin, size_t end, const Site& shift,
+                 const Site& centre, Sites& sites);
 
-// Of each vertex of the block, x runs fastest, the nearest site; of those that are equally near the
-// least by y and then by x. Orders the sites so, of which there is one at least. Integers decide:
-// it does not matter in which order the sites came. Coordinates are up to 20,000 in amount.
-std::array<Site, VertexBlock::kSize> NearestSites(std::vector<Site>& sites,
-                                                  const VertexBlock& block);
+// Whether a vertex of the block has one of the sites as near as what it has at its offset, or as
+// `reach`, squared, where that is none. Of the first row there are 8 offsets, of each other 32
+// after the one before.
+bool IsAnyAsNear(absl::Span<const Site> sites, const VertexBlock& block, const SiteOffset* offsets,
+                 int32_t reach_squared);
+
+// Finds the nearest of some sites. Thread-compatible.
+class NearestSites {
+ public:
+  // Of each vertex of the block, x runs fastest, the nearest site; of those that are equally near
+  // the first. Requires a site, and of all sites coordinates that are odd, as those of centres of
+  // squares are, and up to 20,000 in amount. Leaves out sites that are nearest to no vertex.
+  using Nearest = std::array<Site, VertexBlock::kSize>;
+  Nearest Find(Sites& sites, const VertexBlock& block);
+
+  // By instructions that every processor has.
+  Nearest FindPlainly(Sites& sites, const VertexBlock& block);
+
+ private:
+  std::vector<int32_t> squared_;
+  std::vector<uint8_t> is_kept_;
+};
 
 }  // namespace splinemap

@@ -1,8 +1,10 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 
+#include "absl/functional/function_ref.h"
 #include "lib/query/bezier_net.h"
 #include "lib/query/cell_patch.h"
 #include "lib/query/surface_bounds.h"
@@ -31,37 +33,54 @@ struct ObstacleSquares {
   }
 };
 
-// A bit for each knot cell of a tile, by row.
+// A bit for each knot cell of a tile, or control point, by row.
 using CellMask = std::array<uint32_t, Tile::kSide>;
 
-// The cells that one of the tiles near them decides otherwise in `after` than in `before`.
-CellMask ChangedCells(const TileTree& before, const TileTree& after, TileKey key);
+// The control points in which two contents of a tile differ.
+CellMask ChangedPoints(const Tile& before, const Tile& after);
 
-// Finds the squares of a map. Thread-compatible; outlived by the tiles.
+// The cells of a tile that are decided by one of the control points `changed`, which is called with
+// the keys of the tile and those around it.
+CellMask ChangedCells(TileKey key, absl::FunctionRef<const CellMask&(TileKey)> changed);
+
+// The control points that decide the cells of a tile: from -1 to 33 of it, each way.
+class ControlPointsAround {
+ public:
+  ControlPointsAround(const TileTree& tiles, TileKey key);
+
+  CellPatch At(int x, int y) const {
+    CellPatch patch;
+    for (int row = 0; row < 4; ++row) {
+      std::copy_n(&rows_[y + row][x], 4, &patch.control_points[4 * row]);
+    }
+    return patch;
+  }
+
+ private:
+  static constexpr int kSide = Tile::kSide + 3;
+
+  std::array<std::array<ControlPoint, kSide>, kSide> rows_{};
+};
+
+// Finds the squares of a tile. Immutable, thread-safe.
 class ObstacleRasterizer {
  public:
   // `threshold` in units of control points.
-  ObstacleRasterizer(const TileTree& tiles, double threshold, UnknownPolicy unknown)
-      : threshold_(threshold), unknown_(unknown), patches_(tiles) {}
+  ObstacleRasterizer(double threshold, UnknownPolicy unknown)
+      : threshold_(threshold), unknown_(unknown) {}
 
-  // Looks at these cells of the tile that has the bounds; the squares of others stay.
-  void Update(TileKey key, const TileBounds& bounds, const CellMask& cells,
-              ObstacleSquares& squares);
+  // Looks at these cells; the squares of others stay.
+  void Update(const ControlPointsAround& control_points, const CellMask& cells,
+              ObstacleSquares& squares) const;
 
  private:
-  bool IsClear(const Bounds& bounds) const {
-    return bounds.upper < threshold_ && (bounds.all_known || unknown_ == UnknownPolicy::kFree);
-  }
-  bool IsFree(const BezierNet& net) const;
   bool HasOccupied(const BezierNet& net, double side) const;
-  // 2 rows of 2 bits, in a cell's 4 rows of 4.
-  uint32_t OfQuarter(bool is_known, const Bounds& bounds, const BezierNet& cell, bool right,
-                     bool upper) const;
+  // Those that have an occupied point, of 4 rows of 4, of which the surface decides.
+  uint32_t OnSurface(const CellPatch& patch) const;
   uint32_t OfCell(const CellPatch& patch) const;
 
   const double threshold_;
   const UnknownPolicy unknown_;
-  PatchReader patches_;
 };
 
 }  // namespace splinemap

@@ -3,8 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <map>
 #include <memory>
 #include <random>
+#include <set>
 
 #include "tests/support/map_writer.h"
 
@@ -36,14 +38,14 @@ std::shared_ptr<const MapView> RandomMap(uint64_t seed) {
   return map.View();
 }
 
+// And those beside.
 template <typename Visitor>
-void ForEachTile(const SurfaceBounds& bounds, Visitor visit) {
-  const TileBox& box = bounds.box();
-  for (int32_t ty = box.ty0; ty < box.ty1; ++ty) {
-    for (int32_t tx = box.tx0; tx < box.tx1; ++tx) {
-      if (const auto tile = bounds.Find({tx, ty})) visit({tx, ty}, *tile);
-    }
-  }
+void ForEachTile(const TileTree& tiles, Visitor visit) {
+  std::set<TileKey> keys;
+  tiles.ForEach([&](TileKey key, const TileTree::Entry&) {
+    ForEachAround(key, [&](TileKey around) { keys.insert(around); });
+  });
+  for (const TileKey key : keys) visit(key);
 }
 
 TEST(ObstacleSquaresTest, HaveWhatIsOccupiedOrUnknownAndNothingElse) {
@@ -51,13 +53,12 @@ TEST(ObstacleSquaresTest, HaveWhatIsOccupiedOrUnknownAndNothingElse) {
   int num_clear = 0;
   for (uint64_t seed = 0; seed < 2; ++seed) {
     const auto map = RandomMap(seed);
-    const SurfaceBounds bounds(map);
     for (const UnknownPolicy unknown : {UnknownPolicy::kFree, UnknownPolicy::kBlocked}) {
       for (const double threshold : {0.0, -1.0, 0.7}) {
-        ForEachTile(bounds, [&](TileKey key, const TileBounds& tile) {
+        ForEachTile(map->tiles, [&](TileKey key) {
           ObstacleSquares squares;
-          ObstacleRasterizer(map->tiles, threshold * kUnitsPerLogOdds, unknown)
-              .Update(key, tile, kAllCells, squares);
+          ObstacleRasterizer(threshold * kUnitsPerLogOdds, unknown)
+              .Update({map->tiles, key}, kAllCells, squares);
           for (int y = 0; y < ObstacleSquares::kSide; y += 9) {
             for (int x = 0; x < ObstacleSquares::kSide; x += 9) {
               // The square, at steps of 1/32 knot interval; unknown is all of it or nothing.
@@ -93,15 +94,14 @@ TEST(ObstacleSquaresTest, HaveWhatIsOccupiedOrUnknownAndNothingElse) {
 
 TEST(ObstacleSquaresTest, OnlyTheCellsThatAreToldChange) {
   const auto map = RandomMap(1);
-  const SurfaceBounds bounds(map);
-  ObstacleRasterizer finder(map->tiles, 0, UnknownPolicy::kFree);
+  const ObstacleRasterizer finder(0, UnknownPolicy::kFree);
   ObstacleSquares anew;
-  finder.Update({0, 0}, *bounds.Find({0, 0}), kAllCells, anew);
+  finder.Update({map->tiles, {0, 0}}, kAllCells, anew);
   CellMask cells{};
   cells[3] = 0x30;
   for (const ObstacleSquares& before : {ObstacleSquares(), ObstacleSquares::All()}) {
     ObstacleSquares squares = before;
-    finder.Update({0, 0}, *bounds.Find({0, 0}), cells, squares);
+    finder.Update({map->tiles, {0, 0}}, cells, squares);
     for (int y = 0; y < ObstacleSquares::kSide; ++y) {
       for (int x = 0; x < ObstacleSquares::kSide; ++x) {
         const bool is_told = y / 4 == 3 && (x / 4 == 4 || x / 4 == 5);
@@ -124,7 +124,15 @@ TEST(ObstacleSquaresTest, CellsChangeWhereOneOfTheirControlPointsDoes) {
     const int j = knot(random);
     ControlPoint& control_point = layer.EditTile(TileOf(i, j)).control_points[IndexInTile(i, j)];
     control_point = static_cast<ControlPoint>(control_point + 1);
-    const CellMask cells = ChangedCells(before->tiles, map.View()->tiles, {0, 0});
+    const auto after = map.View();
+    std::map<TileKey, CellMask> changed;
+    const CellMask cells = ChangedCells({0, 0}, [&](TileKey key) -> const CellMask& {
+      const auto was = FindTile(before->tiles, key);
+      const auto is = FindTile(after->tiles, key);
+      const Tile untouched;
+      return changed[key] =
+                 ChangedPoints(was == nullptr ? untouched : *was, is == nullptr ? untouched : *is);
+    });
     for (int y = 0; y < Tile::kSide; ++y) {
       for (int x = 0; x < Tile::kSide; ++x) {
         const bool is_near = i >= x - 1 && i <= x + 2 && j >= y - 1 && j <= y + 2;
@@ -158,11 +166,10 @@ TEST(ObstacleSquaresTest, PeaksWithinASquareAreFound) {
     if (log_odds > most) top_m = at_m;
     most = std::max(most, log_odds);
   }
-  const SurfaceBounds bounds(view);
   const double threshold = (most - 1e-5) * kUnitsPerLogOdds;
   ObstacleSquares squares;
-  ObstacleRasterizer(view->tiles, threshold, UnknownPolicy::kFree)
-      .Update({0, 0}, *bounds.Find({0, 0}), kAllCells, squares);
+  ObstacleRasterizer(threshold, UnknownPolicy::kFree)
+      .Update({view->tiles, {0, 0}}, kAllCells, squares);
   const auto x = static_cast<int>(top_m.x() / kKnot_m * ObstacleSquares::kPerKnot);
   const auto y = static_cast<int>(top_m.y() / kKnot_m * ObstacleSquares::kPerKnot);
   EXPECT_EQ(squares.rows[y] >> x & 1, 1);
