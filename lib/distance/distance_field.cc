@@ -78,10 +78,13 @@ DistancesQuery::Distance DistanceField::At(const Eigen::Vector2d& point_m) const
   double most = std::numeric_limits<double>::infinity();
   double least = -kUnits * kUnits * (x->t * (1 - x->t) + y->t * (1 - y->t));
   Eigen::Vector2d away = Eigen::Vector2d::Zero();
+  const int index = IndexInTile(x->index, y->index);
+  const bool is_in_tile = TileOf(x->index + 1, y->index + 1) == key;
   for (int k = 0; k < 4; ++k) {
     const int right = k % 2;
     const int up = k / 2;
-    const Offset offset = OffsetAt(key, *tile, x->index + right, y->index + up);
+    const Offset offset = is_in_tile ? tile->nearest[index + right + Tile::kSide * up]
+                                     : OffsetAt(key, *tile, x->index + right, y->index + up);
     if (offset.x == Offset::kNone) return far;
     const Eigen::Vector2d from(kUnits * (x->t - right) - offset.x, kUnits * (y->t - up) - offset.y);
     const double squared = from.squaredNorm();
@@ -129,7 +132,11 @@ DistanceField DistanceFieldEditor::Update(std::shared_ptr<const MapView> map) {
   absl::flat_hash_map<TileKey, BlockMask> marked;
   const std::vector<Change> changes = UpdateObstacles(*map, marked);
   UpdateRims(changes);
-  for (const Change& change : changes) MarkBlocksNear(change, marked);
+  for (const bool came : {false, true}) {
+    for (const Change& change : changes) {
+      if (change.came == came) UpdateNear(change, marked);
+    }
+  }
   for (const auto& [key, blocks] : marked) {
     if (blocks != 0) UpdateTile(key, blocks);
   }
@@ -212,14 +219,20 @@ std::vector<DistanceFieldEditor::Change> DistanceFieldEditor::UpdateObstacles(
 
 void DistanceFieldEditor::AddChanges(TileKey key, const ObstacleSquares& before,
                                      const ObstacleSquares& after, std::vector<Change>& changes) {
-  for (int block = 0; block < kBlocks * kBlocks; ++block) {
-    Change change;
-    change.tile = key;
-    change.begin = static_cast<int>(changed_.size());
+  std::array<Row, kBlocks> differ{};  // by row of blocks
+  for (int y = 0; y < ObstacleSquares::kSide; ++y) {
+    differ[y / kSquaresOfBlock] |= before.rows[y] ^ after.rows[y];
+  }
+  for (int n = 0; n < 2 * kBlocks * kBlocks; ++n) {
+    const int block = n / 2;
+    if (PartOf(differ[block / kBlocks], block % kBlocks) == 0) continue;
+    Change change{.tile = key, .came = n % 2 == 1, .begin = static_cast<int>(changed_.size())};
+    const ObstacleSquares& with = change.came ? after : before;
+    const ObstacleSquares& without = change.came ? before : after;
     for (int k = 0; k < kSquaresOfBlock; ++k) {
       const int y = kSquaresOfBlock * (block / kBlocks) + k;
       const int x0 = kSquaresOfBlock * (block % kBlocks);
-      ForEachBit(PartOf(before.rows[y] ^ after.rows[y], block % kBlocks),
+      ForEachBit(PartOf(with.rows[y] & ~without.rows[y], block % kBlocks),
                  [&](int x) { changed_.push_back(CentreOf(x0 + x, y)); });
     }
     change.end = static_cast<int>(changed_.size());
@@ -280,11 +293,16 @@ void DistanceFieldEditor::UpdateRims(absl::Span<const Change> changes) {
     obstacles.boundary.size = 0;
     const TileNeighborhood surroundings(*this, key);
     std::array<Row, ObstacleSquares::kSide> rows;
-    for (int y = 0; y < ObstacleSquares::kSide; ++y) rows[y] = surroundings.Rim(y);
+    std::array<Row, kBlocks> any{};  // by row of blocks
+    for (int y = 0; y < ObstacleSquares::kSide; ++y) {
+      rows[y] = surroundings.At(y) == 0 ? 0 : surroundings.Rim(y);
+      any[y / kSquaresOfBlock] |= rows[y];
+    }
     for (int block = 0; block < kBlocks * kBlocks; ++block) {
       const int x0 = kSquaresOfBlock * (block % kBlocks);
       const int y0 = kSquaresOfBlock * (block / kBlocks);
-      for (int y = y0; y < y0 + kSquaresOfBlock; ++y) {
+      const int y1 = PartOf(any[block / kBlocks], block % kBlocks) == 0 ? y0 : y0 + kSquaresOfBlock;
+      for (int y = y0; y < y1; ++y) {
         ForEachBit(PartOf(rows[y], block % kBlocks),
                    [&](int x) { obstacles.boundary.Add(CentreOf(x0 + x, y)); });
       }
@@ -293,9 +311,11 @@ void DistanceFieldEditor::UpdateRims(absl::Span<const Change> changes) {
   }
 }
 
-void DistanceFieldEditor::MarkBlocksNear(const Change& change,
-                                         absl::flat_hash_map<TileKey, BlockMask>& marked) const {
-  // What came or went matters where it is not farther than what a vertex has.
+// Takes squares that came where they are the nearest. Marks the blocks that have to be made anew:
+// those with a vertex that had one that went, those of new tiles, and those where one is as near as
+// another, since the order in which they are gathered decides between these.
+void DistanceFieldEditor::UpdateNear(const Change& change,
+                                     absl::flat_hash_map<TileKey, BlockMask>& marked) {
   const auto sites = absl::MakeConstSpan(changed_).subspan(change.begin, change.end - change.begin);
   for (int dy = -reach_tiles_; dy <= reach_tiles_; ++dy) {
     for (int dx = -reach_tiles_; dx <= reach_tiles_; ++dx) {
@@ -305,8 +325,8 @@ void DistanceFieldEditor::MarkBlocksNear(const Change& change,
       if (Square(x) + Square(y) > Square(reach_) || !IsInRange(key)) continue;
       if (options_.unknown == UnknownPolicy::kBlocked && !obstacles_.contains(key)) continue;
       const DistanceTile* found = tiles_.tree().Find(key);
-      const DistanceTile& tile = found == nullptr ? *nothing_near_ : *found;
-      BlockMask near = BlocksNear(change, key, tile);
+      const DistanceTile* tile = found == nullptr ? nothing_near_.get() : found;
+      BlockMask near = BlocksNear(change, key, *tile);
       if (near == 0) continue;
       BlockMask& blocks = marked[key];
       near &= ~blocks;
@@ -315,8 +335,24 @@ void DistanceFieldEditor::MarkBlocksNear(const Change& change,
         const VertexBlock vertices = BlockOf(block);
         const VertexBlock from_change{Tile::kSide * dx + vertices.x0,
                                       Tile::kSide * dy + vertices.y0};
-        const SiteOffset* offsets = &tile.nearest[IndexInTile(vertices.x0, vertices.y0)];
-        if (IsAnyAsNear(sites, from_change, offsets, Square(reach_))) blocks |= near & -near;
+        const int index = IndexInTile(vertices.x0, vertices.y0);
+        const SiteOffset* offsets = &tile->nearest[index];
+        if (!change.came) {
+          if (HasAny(sites, from_change, offsets)) blocks |= near & -near;
+          continue;
+        }
+        const WithSites with_sites = AddToBlock(sites, from_change, offsets, Square(reach_));
+        if (with_sites.is_any_as_near || (with_sites.is_any_nearer && found == nullptr)) {
+          blocks |= near & -near;
+        } else if (with_sites.is_any_nearer) {
+          DistanceTile& edited = tiles_.Edit(key, 0);
+          for (int row = 0; row < VertexBlock::kSide; ++row) {
+            std::copy_n(&with_sites.offsets[VertexBlock::kSide * row], VertexBlock::kSide,
+                        &edited.nearest[index + Tile::kSide * row]);
+          }
+          edited.longest[block] = with_sites.longest_squared;
+          tile = &edited;
+        }
       }
     }
   }

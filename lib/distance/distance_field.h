@@ -102,13 +102,14 @@ class DistanceFieldEditor {
     Sites boundary;
     std::array<int, kBlocks * kBlocks + 1> ends{};
   };
-  // The centres of squares of a block that came or went, in changed_, and the box around them.
+  // The centres of squares of a block that came, or went, in changed_, and the box around them.
   struct Change {
     TileKey tile;
-    int begin;
-    int end;
-    Site low;
-    Site high;
+    bool came = false;
+    int begin = 0;
+    int end = 0;
+    Site low{};
+    Site high{};
   };
   class TileNeighborhood;
 
@@ -118,7 +119,7 @@ class DistanceFieldEditor {
   void AddChanges(TileKey key, const ObstacleSquares& before, const ObstacleSquares& after,
                   std::vector<Change>& changes);
   void UpdateRims(absl::Span<const Change> changes);
-  void MarkBlocksNear(const Change& change, absl::flat_hash_map<TileKey, BlockMask>& marked) const;
+  void UpdateNear(const Change& change, absl::flat_hash_map<TileKey, BlockMask>& marked);
   static BlockMask BlocksNear(const Change& change, TileKey key, const DistanceTile& tile);
   int32_t SquaredLength(const DistanceTile::Offset& offset) const;
   void UpdateTile(TileKey key, BlockMask blocks);

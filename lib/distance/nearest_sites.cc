@@ -16,6 +16,7 @@ namespace {
 typedef int32_t Integers8 __attribute__((vector_size(32)));
 
 constexpr int kSide = VertexBlock::kSide;
+constexpr Integers8 kColumns{0, 1, 2, 3, 4, 5, 6, 7};
 
 struct Scratch {
   std::vector<int32_t>& squared;
@@ -97,18 +98,17 @@ SPLINEMAP_INLINE std::array<Site, VertexBlock::kSize> FindNearest(Sites& sites,
       const int32_t dx = x[k] - best.x;
       const int32_t dy = y[k] - best.y;
       const int32_t farther = dx * (2 * to_best_x + dx) + dy * (2 * to_best_y + dy);
-      ranks.first[k] = farther / 8 * static_cast<int32_t>(kChunk) + k;
+      ranks.first[k] = (farther >> 3) * static_cast<int32_t>(kChunk) + k;
       ranks.step_x[k] = -2 * dx * static_cast<int32_t>(kChunk);
       ranks.step_y[k] = -2 * dy * static_cast<int32_t>(kChunk);
     }
     for (int half = 0; half < 2; ++half) {
       constexpr int kRows = kSide / 2;
-      const Integers8 columns{0, 1, 2, 3, 4, 5, 6, 7};
       std::array<Integers8, kRows> least;
       least.fill(Integers8{} + kMax);
       for (int32_t k = 0; k < count; ++k) {
         Integers8 rank =
-            ranks.first[k] + kRows * half * ranks.step_y[k] + ranks.step_x[k] * columns;
+            ranks.first[k] + kRows * half * ranks.step_y[k] + ranks.step_x[k] * kColumns;
         for (Integers8& least_of_row : least) {
           least_of_row = rank < least_of_row ? rank : least_of_row;
           rank += ranks.step_y[k];
@@ -142,32 +142,94 @@ SPLINEMAP_INLINE int32_t CopySites(const int32_t* from_x, const int32_t* from_y,
   return least;
 }
 
+// The offsets of 8 vertices in a row.
+struct OffsetRow {
+  Integers8 x;
+  Integers8 y;
+  Integers8 squared;
+};
+
+SPLINEMAP_INLINE OffsetRow Read(const SiteOffset* offsets, int32_t squared_of_none) {
+  static_assert(std::endian::native == std::endian::little);
+  Integers8 both;
+  static_assert(sizeof(both) == kSide * sizeof(SiteOffset));
+  std::memcpy(&both, offsets, sizeof(both));
+  OffsetRow row{(both << 16) >> 16, both >> 16, {}};
+  const Integers8 is_none = row.x == SiteOffset::kNone;
+  row.squared =
+      is_none ? Integers8{} + squared_of_none : row.x * row.x + (is_none ? 0 : row.y * row.y);
+  return row;
+}
+
+SPLINEMAP_INLINE bool IsAny(const Integers8& conditions) {
+  uint64_t parts[4];
+  std::memcpy(parts, &conditions, sizeof(parts));
+  return (parts[0] | parts[1] | parts[2] | parts[3]) != 0;
+}
+
+SPLINEMAP_INLINE bool FindAny(absl::Span<const Site> sites, const VertexBlock& block,
+                              const SiteOffset* offsets) {
+  std::array<Integers8, kSide> has;
+  for (int y = 0; y < kSide; ++y) std::memcpy(&has[y], offsets + Tile::kSide * y, sizeof(has[y]));
+  Integers8 is_any{};
+  for (const Site& site : sites) {
+    const Integers8 dx = site.x - Site::kUnits * (block.x0 + kColumns);
+    for (int y = 0; y < kSide; ++y) {
+      const int32_t dy = site.y - Site::kUnits * (block.y0 + y);
+      is_any |= has[y] == (dy << 16 | (dx & 0xFFFF));
+    }
+  }
+  return IsAny(is_any);
+}
+
+// Whether a vertex has one as near as what it has.
 SPLINEMAP_INLINE bool FindAsNear(absl::Span<const Site> sites, const VertexBlock& block,
                                  const SiteOffset* offsets, int32_t reach_squared) {
-  const Integers8 columns{0, 1, 2, 3, 4, 5, 6, 7};
   std::array<Integers8, kSide> has;
-  for (int y = 0; y < kSide; ++y) {
-    Integers8 both;
-    static_assert(sizeof(both) == kSide * sizeof(SiteOffset));
-    std::memcpy(&both, offsets + Tile::kSide * y, sizeof(both));
-    const Integers8 high = both >> 16;
-    const Integers8 low = (both << 16) >> 16;
-    const Integers8 is_none = high == SiteOffset::kNone;
-    has[y] = is_none ? Integers8{} + reach_squared : low * low + (is_none ? 0 : high * high);
-  }
+  for (int y = 0; y < kSide; ++y) has[y] = Read(offsets + Tile::kSide * y, reach_squared).squared;
   for (const Site& site : sites) {
-    const Integers8 dx = Site::kUnits * (block.x0 + columns) - site.x;
+    const Integers8 dx = site.x - Site::kUnits * (block.x0 + kColumns);
     const Integers8 squares_x = dx * dx;
     Integers8 is_near{};
     for (int y = 0; y < kSide; ++y) {
-      const int32_t dy = Site::kUnits * (block.y0 + y) - site.y;
+      const int32_t dy = site.y - Site::kUnits * (block.y0 + y);
       is_near |= squares_x + dy * dy <= has[y];
     }
-    uint64_t parts[4];
-    std::memcpy(parts, &is_near, sizeof(parts));
-    if ((parts[0] | parts[1] | parts[2] | parts[3]) != 0) return true;
+    if (IsAny(is_near)) return true;
   }
   return false;
+}
+
+SPLINEMAP_INLINE WithSites AddEach(absl::Span<const Site> sites, const VertexBlock& block,
+                                   const SiteOffset* offsets, int32_t reach_squared) {
+  Integers8 is_any_nearer{};
+  Integers8 is_any_as_near{};
+  Integers8 longest{};
+  WithSites result;
+  if (!FindAsNear(sites, block, offsets, reach_squared)) return result;
+  for (int y = 0; y < kSide; ++y) {
+    OffsetRow row = Read(offsets + Tile::kSide * y, reach_squared + 1);
+    for (const Site& site : sites) {
+      const Integers8 dx = site.x - Site::kUnits * (block.x0 + kColumns);
+      const int32_t dy = site.y - Site::kUnits * (block.y0 + y);
+      const Integers8 squared = dx * dx + dy * dy;
+      is_any_as_near |= squared == row.squared;
+      const Integers8 is_nearer = squared < row.squared;
+      is_any_nearer |= is_nearer;
+      row.x = is_nearer ? dx : row.x;
+      row.y = is_nearer ? Integers8{} + dy : row.y;
+      row.squared = is_nearer ? squared : row.squared;
+    }
+    longest = row.squared > longest ? row.squared : longest;
+    const Integers8 both = row.y << 16 | (row.x & 0xFFFF);
+    std::memcpy(static_cast<void*>(&result.offsets[kSide * y]), &both, sizeof(both));
+  }
+  for (int x = 0; x < kSide; ++x) {
+    result.longest_squared = std::max(result.longest_squared, std::min(longest[x], reach_squared));
+  }
+  result.is_any_nearer = IsAny(is_any_nearer);
+  result.is_any_as_near = IsAny(is_any_as_near);
+  return result;
 }
 
 #ifdef __x86_64__
@@ -180,11 +242,17 @@ __attribute__((target("avx2"))) int32_t CopySitesByAvx2(const int32_t* from_x,
   return CopySites(from_x, from_y, count, shift, centre, to_x, to_y);
 }
 
-__attribute__((target("avx2"))) bool FindAsNearByAvx2(absl::Span<const Site> sites,
-                                                      const VertexBlock& block,
-                                                      const SiteOffset* offsets,
-                                                      int32_t reach_squared) {
-  return FindAsNear(sites, block, offsets, reach_squared);
+__attribute__((target("avx2"))) bool FindAnyByAvx2(absl::Span<const Site> sites,
+                                                   const VertexBlock& block,
+                                                   const SiteOffset* offsets) {
+  return FindAny(sites, block, offsets);
+}
+
+__attribute__((target("avx2"))) WithSites AddEachByAvx2(absl::Span<const Site> sites,
+                                                        const VertexBlock& block,
+                                                        const SiteOffset* offsets,
+                                                        int32_t reach_squared) {
+  return AddEach(sites, block, offsets, reach_squared);
 }
 
 __attribute__((target("avx2"))) std::array<Site, VertexBlock::kSize> FindNearestByAvx2(
@@ -210,12 +278,19 @@ int32_t AddSites(const Sites& others, size_t begin, size_t end, const Site& shif
   return CopySites(x, y, count, shift, centre, &sites.x[size], &sites.y[size]);
 }
 
-bool IsAnyAsNear(absl::Span<const Site> sites, const VertexBlock& block, const SiteOffset* offsets,
-                 int32_t reach_squared) {
+bool HasAny(absl::Span<const Site> sites, const VertexBlock& block, const SiteOffset* offsets) {
 #ifdef __x86_64__
-  if (has_avx2) return FindAsNearByAvx2(sites, block, offsets, reach_squared);
+  if (has_avx2) return FindAnyByAvx2(sites, block, offsets);
 #endif
-  return FindAsNear(sites, block, offsets, reach_squared);
+  return FindAny(sites, block, offsets);
+}
+
+WithSites AddToBlock(absl::Span<const Site> sites, const VertexBlock& block,
+                     const SiteOffset* offsets, int32_t reach_squared) {
+#ifdef __x86_64__
+  if (has_avx2) return AddEachByAvx2(sites, block, offsets, reach_squared);
+#endif
+  return AddEach(sites, block, offsets, reach_squared);
 }
 
 NearestSites::Nearest NearestSites::Find(Sites& sites, const VertexBlock& block) {

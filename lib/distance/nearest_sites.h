@@ -60,11 +60,21 @@ struct VertexBlock {
 int32_t AddSites(const Sites& others, size_t begin, size_t end, const Site& shift,
                  const Site& centre, Sites& sites);
 
-// Whether a vertex of the block has one of the sites as near as what it has at its offset, or as
-// `reach`, squared, where that is none. Of the first row there are 8 offsets, of each other 32
-// after the one before.
-bool IsAnyAsNear(absl::Span<const Site> sites, const VertexBlock& block, const SiteOffset* offsets,
-                 int32_t reach_squared);
+// Whether one of the sites is what a vertex of the block has at its offset. Of the first row there
+// are 8 offsets, of each other 32 after the one before.
+bool HasAny(absl::Span<const Site> sites, const VertexBlock& block, const SiteOffset* offsets);
+
+// What the vertices of a block have when sites came.
+struct WithSites {
+  bool is_any_nearer = false;   // than what a vertex had
+  bool is_any_as_near = false;  // as that, or as another of the sites
+  // Where one of these is so; `reach` where nothing is near.
+  std::array<SiteOffset, VertexBlock::kSize> offsets;
+  int32_t longest_squared = 0;
+};
+// Offsets as above; where there is none, sites within `reach` are nearer.
+WithSites AddToBlock(absl::Span<const Site> sites, const VertexBlock& block,
+                     const SiteOffset* offsets, int32_t reach_squared);
 
 // Finds the nearest of some sites. Thread-compatible.
 class NearestSites {

@@ -203,12 +203,12 @@ uint32_t ObstacleRasterizer::OfCell(const CellPatch& patch) const {
         __builtin_shufflevector(greatest, greatest, 2, 3, 0, 1, 6, 7, 4, 5));
   halve(__builtin_shufflevector(least, least, 1, 0, 3, 2, 5, 4, 7, 6),
         __builtin_shufflevector(greatest, greatest, 1, 0, 3, 2, 5, 4, 7, 6));
-  // What is known is below 0 where no control point is above it, by the share of the nearest.
-  const bool is_below = threshold_ >= 0 && greatest[0] <= 0;
+  // Where none is above 0, what is known is below it, by the share of the nearest.
+  const double upper = threshold_ < 0 ? patch.bounds().upper : greatest[0] > 0 ? greatest[0] : -1;
   uint32_t squares = 0;
   if (least[0] >= threshold_) {
     squares = 0xFFFF;
-  } else if (!is_below && patch.bounds().upper >= threshold_) {
+  } else if (upper >= threshold_) {
     squares = OnSurface(patch);
   }
   if (patch.AllKnown()) return squares;
