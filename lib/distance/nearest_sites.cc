@@ -182,53 +182,47 @@ SPLINEMAP_INLINE bool FindAny(absl::Span<const Site> sites, const VertexBlock& b
   return IsAny(is_any);
 }
 
-// Whether a vertex has one as near as what it has.
-SPLINEMAP_INLINE bool FindAsNear(absl::Span<const Site> sites, const VertexBlock& block,
-                                 const SiteOffset* offsets, int32_t reach_squared) {
-  std::array<Integers8, kSide> has;
-  for (int y = 0; y < kSide; ++y) has[y] = Read(offsets + Tile::kSide * y, reach_squared).squared;
+SPLINEMAP_INLINE WithSites AddEach(absl::Span<const Site> sites, const VertexBlock& block,
+                                   const SiteOffset* offsets, int32_t reach_squared) {
+  std::array<OffsetRow, kSide> rows;
+  for (int y = 0; y < kSide; ++y) rows[y] = Read(offsets + Tile::kSide * y, reach_squared + 1);
+  WithSites result;
   for (const Site& site : sites) {
     const Integers8 dx = site.x - Site::kUnits * (block.x0 + kColumns);
     const Integers8 squares_x = dx * dx;
-    Integers8 is_near{};
+    std::array<Integers8, kSide> squared;
+    Integers8 is_any_near{};
     for (int y = 0; y < kSide; ++y) {
       const int32_t dy = site.y - Site::kUnits * (block.y0 + y);
-      is_near |= squares_x + dy * dy <= has[y];
+      squared[y] = squares_x + dy * dy;
+      is_any_near |= squared[y] <= rows[y].squared;
     }
-    if (IsAny(is_near)) return true;
-  }
-  return false;
-}
-
-SPLINEMAP_INLINE WithSites AddEach(absl::Span<const Site> sites, const VertexBlock& block,
-                                   const SiteOffset* offsets, int32_t reach_squared) {
-  Integers8 is_any_nearer{};
-  Integers8 is_any_as_near{};
-  Integers8 longest{};
-  WithSites result;
-  if (!FindAsNear(sites, block, offsets, reach_squared)) return result;
-  for (int y = 0; y < kSide; ++y) {
-    OffsetRow row = Read(offsets + Tile::kSide * y, reach_squared + 1);
-    for (const Site& site : sites) {
-      const Integers8 dx = site.x - Site::kUnits * (block.x0 + kColumns);
-      const int32_t dy = site.y - Site::kUnits * (block.y0 + y);
-      const Integers8 squared = dx * dx + dy * dy;
-      is_any_as_near |= squared == row.squared;
-      const Integers8 is_nearer = squared < row.squared;
+    if (!IsAny(is_any_near)) continue;
+    Integers8 is_any_nearer{};
+    Integers8 is_any_as_near{};
+    for (int y = 0; y < kSide; ++y) {
+      OffsetRow& row = rows[y];
+      const Integers8 is_nearer = squared[y] < row.squared;
       is_any_nearer |= is_nearer;
+      is_any_as_near |= squared[y] == row.squared;
       row.x = is_nearer ? dx : row.x;
-      row.y = is_nearer ? Integers8{} + dy : row.y;
-      row.squared = is_nearer ? squared : row.squared;
+      row.y = is_nearer ? Integers8{} + (site.y - Site::kUnits * (block.y0 + y)) : row.y;
+      row.squared = is_nearer ? squared[y] : row.squared;
     }
-    longest = row.squared > longest ? row.squared : longest;
-    const Integers8 both = row.y << 16 | (row.x & 0xFFFF);
+    result.is_any_nearer = result.is_any_nearer || IsAny(is_any_nearer);
+    result.is_any_as_near = IsAny(is_any_as_near);
+    if (result.is_any_as_near) return result;
+  }
+  if (!result.is_any_nearer) return result;
+  Integers8 longest{};
+  for (int y = 0; y < kSide; ++y) {
+    longest = rows[y].squared > longest ? rows[y].squared : longest;
+    const Integers8 both = rows[y].y << 16 | (rows[y].x & 0xFFFF);
     std::memcpy(static_cast<void*>(&result.offsets[kSide * y]), &both, sizeof(both));
   }
   for (int x = 0; x < kSide; ++x) {
     result.longest_squared = std::max(result.longest_squared, std::min(longest[x], reach_squared));
   }
-  result.is_any_nearer = IsAny(is_any_nearer);
-  result.is_any_as_near = IsAny(is_any_as_near);
   return result;
 }
 

@@ -66,9 +66,9 @@ bool HasAny(absl::Span<const Site> sites, const VertexBlock& block, const SiteOf
 
 // What the vertices of a block have when sites came.
 struct WithSites {
+  bool is_any_as_near = false;  // as what a vertex had, or as another of the sites
   bool is_any_nearer = false;   // than what a vertex had
-  bool is_any_as_near = false;  // as that, or as another of the sites
-  // Where one of these is so; `reach` where nothing is near.
+  // Where one is nearer and none as near; as the length, squared, of none counts the reach.
   std::array<SiteOffset, VertexBlock::kSize> offsets;
   int32_t longest_squared = 0;
 };
