@@ -86,8 +86,8 @@ class DistanceFieldEditor {
 
   // The field of this map, the same to the last byte whatever was seen before. Costs what changed
   // since the last call, where that was about an earlier view by the same SummedLayers: cells whose
-  // control points changed are looked at, and where their squares did, blocks of 8 x 8 vertices are
-  // made anew that had nothing nearer.
+  // control points changed are looked at; squares that came are taken where they are nearer; and
+  // blocks of 8 x 8 vertices are made anew that had squares that went.
   DistanceField Update(std::shared_ptr<const MapView> map);
 
  private:
