@@ -403,7 +403,7 @@ void DistanceFieldEditor::UpdateBlock(const VertexBlock& block,
                                       const TileNeighborhood& surroundings, DistanceTile& tile) {
   GatherSitesAround(block);
   const bool is_any = sites_.size > 0;
-  std::array<Site, VertexBlock::kSize> nearest;
+  std::array<Site, VertexBlock::kSize> nearest{};
   if (is_any) nearest = nearest_sites_.Find(sites_, block);
   int32_t longest = 0;
   for (int y = 0; y < VertexBlock::kSide; ++y) {
