@@ -10,6 +10,7 @@
 #include "lcmtypes/splinemap/request_t.hpp"
 #include "lib/base/status.h"
 #include "lib/client/request_flow.h"
+#include "lib/rpc/encoded.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 
@@ -41,11 +42,7 @@ class PendingQuery : public PendingRequest {
   }
 
   absl::StatusOr<reply_t> HandleReply(size_t chunk, absl::Span<const uint8_t> message) override {
-    SPLINEMAP_ASSIGN_OR_RETURN(const auto reply, Decode<typename Rpc<Query>::Reply>(message));
-    if (reply.header.status == 0) {
-      SPLINEMAP_RETURN_IF_ERROR(splinemap::HandleReply(reply, query_, chunks_[chunk], answer_));
-    }
-    return reply.header;
+    return splinemap::HandleReply(message, query_, chunks_[chunk], answer_);
   }
 
   void Finish(const absl::Status& status) override {

@@ -7,6 +7,7 @@
 #include "lcmtypes/splinemap/layer_command_request_t.hpp"
 #include "lcmtypes/splinemap/reply_t.hpp"
 #include "lib/base/status.h"
+#include "lib/rpc/encoded.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 
@@ -52,15 +53,13 @@ std::vector<uint8_t> Refuse(const absl::Status& why, const reply_t& header) {
 template <typename Query>
 std::vector<uint8_t> Answer(absl::Span<const uint8_t> bytes, const QueryableMap& map,
                             const reply_t& header) {
-  const auto request = Decode<typename Rpc<Query>::Request>(bytes);
-  if (!request.ok()) return {};
-  const auto answer = AnswerOf(FromMessage(*request), map);
+  const auto query = DecodeRequest<Query>(bytes);
+  if (!query) return {};
+  const auto answer = AnswerOf(*query, map);
   if (!answer.ok()) return Refuse<typename Rpc<Query>::Reply>(answer.status(), header);
-  auto reply = ToMessage(*answer);
-  const int64_t revision = reply.header.revision;  // of the state that answered
-  reply.header = header;
-  reply.header.revision = revision;
-  return Encode(reply);
+  reply_t complete = header;
+  complete.revision = static_cast<int64_t>(answer->revision);  // of the state that answered
+  return EncodeReply(*answer, complete);
 }
 
 }  // namespace

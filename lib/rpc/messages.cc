@@ -100,8 +100,8 @@ std::vector<Chunk> CutEvenly(size_t num_items, size_t max_items) {
   return chunks;
 }
 
-absl::Status CheckSize(int32_t num_items, size_t max_items, const char* name) {
-  if (static_cast<size_t>(num_items) <= max_items) return absl::OkStatus();
+absl::Status CheckSize(size_t num_items, size_t max_items, const char* name) {
+  if (num_items <= max_items) return absl::OkStatus();
   return InvalidArgument(
       "{} {} in one request; {} are allowed, so that request and reply fit {} bytes", num_items,
       name, max_items, kMaxRpcBytes);
@@ -110,9 +110,11 @@ absl::Status CheckSize(int32_t num_items, size_t max_items, const char* name) {
 template <typename Request>
 void SetPoints(const std::vector<Eigen::Vector2d>& points_m, Chunk chunk, Request& request) {
   request.num_points = static_cast<int32_t>(chunk.size());
-  for (size_t k = chunk.begin; k < chunk.end; ++k) {
-    request.x_m.push_back(points_m[k].x());
-    request.y_m.push_back(points_m[k].y());
+  request.x_m.resize(chunk.size());
+  request.y_m.resize(chunk.size());
+  for (size_t k = 0; k < chunk.size(); ++k) {
+    request.x_m[k] = points_m[chunk.begin + k].x();
+    request.y_m[k] = points_m[chunk.begin + k].y();
   }
 }
 
@@ -256,11 +258,8 @@ distances_request_t ToMessage(const DistancesQuery& query, Chunk chunk) {
   return request;
 }
 
-absl::StatusOr<PointsQuery> FromMessage(const points_request_t& request) {
-  const bool with_hessians = request.with_hessians != 0;
-  SPLINEMAP_RETURN_IF_ERROR(
-      CheckSize(request.num_points, kMaxItemBytes / PointBytes(with_hessians), "points"));
-  return PointsQuery{Points(request.x_m, request.y_m), with_hessians};
+absl::Status CheckNumPoints(size_t num_points, bool with_hessians) {
+  return CheckSize(num_points, kMaxItemBytes / PointBytes(with_hessians), "points");
 }
 
 absl::StatusOr<RaysQuery> FromMessage(const rays_request_t& request) {
@@ -340,30 +339,6 @@ absl::StatusOr<RasterPart> FromMessage(const raster_request_t& request) {
   return RasterPart{raster, {static_cast<size_t>(request.first_cell), static_cast<size_t>(end)}};
 }
 
-points_reply_t ToMessage(const PointsQuery::Answer& answer) {
-  auto reply = ReplyOf<points_reply_t>(answer);
-  const size_t count = answer.samples.size();
-  reply.num_points = static_cast<int32_t>(count);
-  reply.log_odds.resize(count);
-  reply.gradient_x_per_m.resize(count);
-  reply.gradient_y_per_m.resize(count);
-  reply.known.resize(count);
-  for (size_t k = 0; k < count; ++k) {
-    const SurfaceSample& sample = answer.samples[k];
-    reply.log_odds[k] = sample.log_odds;
-    reply.gradient_x_per_m[k] = sample.gradient_per_m.x();
-    reply.gradient_y_per_m[k] = sample.gradient_per_m.y();
-    reply.known[k] = sample.known ? 1 : 0;
-  }
-  reply.num_hessians = static_cast<int32_t>(answer.hessians_per_m2.size());
-  for (const Eigen::Matrix2d& hessian : answer.hessians_per_m2) {
-    reply.hessian_xx_per_m2.push_back(hessian(0, 0));
-    reply.hessian_xy_per_m2.push_back(hessian(0, 1));
-    reply.hessian_yy_per_m2.push_back(hessian(1, 1));
-  }
-  return reply;
-}
-
 rays_reply_t ToMessage(const RaysQuery::Answer& answer) {
   auto reply = ReplyOf<rays_reply_t>(answer);
   reply.num_rays = static_cast<int32_t>(answer.ends.size());
@@ -410,28 +385,6 @@ distances_reply_t ToMessage(const DistancesQuery::Answer& answer) {
     reply.gradient_y.push_back(distance.gradient.y());
   }
   return reply;
-}
-
-absl::Status HandleReply(const points_reply_t& reply, const PointsQuery& query, Chunk chunk,
-                         PointsQuery::Answer& answer) {
-  SPLINEMAP_RETURN_IF_ERROR(CheckReply(reply.num_points, chunk));
-  if (reply.num_hessians != (query.with_hessians ? reply.num_points : 0)) {
-    return InvalidArgument("a reply with {} second derivatives", reply.num_hessians);
-  }
-  answer.revision = static_cast<uint64_t>(reply.header.revision);
-  answer.samples.resize(query.points_m.size());
-  for (size_t k = 0; k < chunk.size(); ++k) {
-    answer.samples[chunk.begin + k] = {{reply.gradient_x_per_m[k], reply.gradient_y_per_m[k]},
-                                       reply.log_odds[k],
-                                       reply.known[k] != 0};
-  }
-  if (!query.with_hessians) return absl::OkStatus();
-  answer.hessians_per_m2.resize(query.points_m.size());
-  for (size_t k = 0; k < chunk.size(); ++k) {
-    answer.hessians_per_m2[chunk.begin + k] << reply.hessian_xx_per_m2[k],
-        reply.hessian_xy_per_m2[k], reply.hessian_xy_per_m2[k], reply.hessian_yy_per_m2[k];
-  }
-  return absl::OkStatus();
 }
 
 absl::Status HandleReply(const rays_reply_t& reply, const RaysQuery& query, Chunk chunk,

@@ -23,7 +23,8 @@
 #include "lcmtypes/splinemap/sweeps_request_t.hpp"
 #include "splinemap/queries.h"
 
-// Queries and their answers as messages; lcmtypes/ASKING.md describes how a map is asked.
+// Queries and their answers as messages; lcmtypes/ASKING.md describes how a map is asked. Requests
+// for points and replies to them: points_in_place.h.
 
 namespace splinemap {
 
@@ -112,9 +113,10 @@ raster_request_t ToMessage(const RasterQuery& query, Chunk chunk);
 likelihoods_request_t ToMessage(const LikelihoodsQuery& query, Chunk chunk);
 distances_request_t ToMessage(const DistancesQuery& query, Chunk chunk);
 
+// InvalidArgument for more points than a chunk has.
+absl::Status CheckNumPoints(size_t num_points, bool with_hessians);
 // What a decoded request asks for. InvalidArgument where it is more than a chunk; Check() is the
 // map's.
-absl::StatusOr<PointsQuery> FromMessage(const points_request_t& request);
 absl::StatusOr<RaysQuery> FromMessage(const rays_request_t& request);
 absl::StatusOr<SweepsQuery> FromMessage(const sweeps_request_t& request);
 absl::StatusOr<LikelihoodsQuery> FromMessage(const likelihoods_request_t& request);
@@ -126,7 +128,6 @@ struct RasterPart {
 absl::StatusOr<RasterPart> FromMessage(const raster_request_t& request);
 
 // A daemon replies. Heads are the caller's, but for `revision`.
-points_reply_t ToMessage(const PointsQuery::Answer& answer);
 rays_reply_t ToMessage(const RaysQuery::Answer& answer);
 sweeps_reply_t ToMessage(const SweepsQuery::Answer& answer);
 raster_reply_t ToMessage(const RasterQuery::Answer& answer);
@@ -135,8 +136,6 @@ distances_reply_t ToMessage(const DistancesQuery::Answer& answer);
 
 // Puts the decoded reply to a chunk where it belongs. InvalidArgument, and the answer is unchanged,
 // where it does not answer that chunk.
-absl::Status HandleReply(const points_reply_t& reply, const PointsQuery& query, Chunk chunk,
-                         PointsQuery::Answer& answer);
 absl::Status HandleReply(const rays_reply_t& reply, const RaysQuery& query, Chunk chunk,
                          RaysQuery::Answer& answer);
 absl::Status HandleReply(const sweeps_reply_t& reply, const SweepsQuery& query, Chunk chunk,

@@ -35,7 +35,7 @@
 #include "lib/archive/scan_record.h"
 #include "lib/logs/lcm_log.h"
 #include "lib/replication/protocol.h"
-#include "lib/rpc/messages.h"
+#include "lib/rpc/encoded.h"
 #include "lib/tiles/tile_codec.h"
 #include "lib/wire/encode.h"
 #include "splinemap/file.h"
@@ -75,7 +75,9 @@ class CorpusMaker {
   // As message.cc takes them: a byte of options and no fingerprint.
   template <typename Message>
   void WriteMessage(const std::string& name, uint8_t options, const Message& message) {
-    std::vector<uint8_t> bytes = Encode(message);
+    WriteEncoded(name, options, Encode(message));
+  }
+  void WriteEncoded(const std::string& name, uint8_t options, std::vector<uint8_t> bytes) {
     bytes.erase(bytes.begin(), bytes.begin() + 7);
     bytes[0] = options;
     Write(name, bytes);
@@ -262,9 +264,9 @@ class CorpusMaker {
   }
   template <typename Answer>
   void WriteReply(const std::string& name, const Answer& answer, uint8_t asked) {
-    auto reply = ToMessage(answer);
-    reply.header.name = "robot";
-    WriteMessage(name, asked, reply);
+    reply_t header{};
+    header.name = "robot";
+    WriteEncoded(name, asked, EncodeReply(answer, header));
   }
 
   void RpcMessages() {

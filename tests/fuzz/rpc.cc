@@ -8,6 +8,7 @@
 #include "lcmtypes/splinemap/layer_command_request_t.hpp"
 #include "lcmtypes/splinemap/reply_t.hpp"
 #include "lib/rpc/answer.h"
+#include "lib/rpc/encoded.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "splinemap/local_map.h"
@@ -37,6 +38,9 @@ void RunRequest(FuzzInput input) {
   const LocalMap& map = maps[input.Byte() % 2];
   const auto bytes = MessageOf(Rpc<Query>::Request::getHash(), input.Rest());
   RequestHeaderOf(bytes);
+  Require(
+      DecodeRequest<Query>(bytes).has_value() == Decode<typename Rpc<Query>::Request>(bytes).ok(),
+      "the same requests are damaged however they are decoded");
   reply_t header{};
   header.name = "robot";
   const std::vector<uint8_t> reply = AnswerRequest(bytes, map, header);
@@ -77,12 +81,10 @@ void RunReply(FuzzInput input) {
   const uint8_t size = input.Byte();
   const auto bytes = MessageOf(Rpc<Query>::Reply::getHash(), input.Rest());
   ReplyIdOf(bytes);
-  const auto reply = Decode<typename Rpc<Query>::Reply>(bytes);
-  if (!reply.ok()) return;
-  StatusOf(reply->header).IgnoreError();
+  if (const auto header = ReplyHeaderOf(bytes)) StatusOf(*header).IgnoreError();
   typename Query::Answer answer;
   const Query query = Asked<Query>(size);
-  HandleReply(*reply, query, {size / size_t{2}, size}, answer).IgnoreError();
+  HandleReply(bytes, query, {size / size_t{2}, size}, answer).status().IgnoreError();
 }
 
 template <typename Message>

@@ -19,6 +19,7 @@
 #include "lcmtypes/splinemap/sweeps_reply_t.hpp"
 #include "lcmtypes/splinemap/sweeps_request_t.hpp"
 #include "lib/rpc/answer.h"
+#include "lib/rpc/encoded.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "splinemap/local_map.h"
@@ -98,7 +99,8 @@ class RpcTest : public testing::Test {
       EXPECT_EQ(reply->header.id, 5);
       EXPECT_EQ(reply->header.daemon_nonce, 6);
       EXPECT_TRUE(StatusOf(reply->header).ok()) << StatusOf(reply->header);
-      EXPECT_TRUE(HandleReply(*reply, query, piece, answer).ok());
+      EXPECT_EQ(Encode(*reply), bytes);
+      EXPECT_TRUE(HandleReply(bytes, query, piece, answer).ok());
     }
     return answer;
   }
@@ -268,12 +270,16 @@ TEST_F(RpcTest, WhatNoMapAnswersIsRefused) {
 TEST_F(RpcTest, RepliesToAnotherPieceAreNotTaken) {
   const PointsQuery query = RandomPoints(random_, 4);
   PointsQuery::Answer answer;
-  points_reply_t reply = ToMessage(*map_.Ask(query));
+  const std::vector<uint8_t> reply = EncodeReply(*map_.Ask(query), Header());
   EXPECT_FALSE(HandleReply(reply, query, {0, 3}, answer).ok());
+  EXPECT_FALSE(HandleReply(reply, {query.points_m, true}, {0, 4}, answer).ok());
+  EXPECT_FALSE(
+      HandleReply(absl::MakeSpan(reply).first(reply.size() - 1), query, {0, 4}, answer).ok());
   EXPECT_TRUE(answer.samples.empty());
   EXPECT_TRUE(HandleReply(reply, query, {0, 4}, answer).ok());
-  reply.num_hessians = 4;
-  EXPECT_FALSE(HandleReply(reply, query, {0, 4}, answer).ok());
+  reply_t nameless = Header();
+  nameless.name.clear();
+  EXPECT_FALSE(HandleReply(EncodeReply(*map_.Ask(query), nameless), query, {0, 4}, answer).ok());
 
   const RaysQuery rays = RandomRays(random_, 2);
   rays_reply_t ends = ToMessage(*map_.Ask(rays));

@@ -9,7 +9,7 @@
 
 #include "fmt/format.h"
 #include "lib/base/clock.h"
-#include "lib/rpc/messages.h"
+#include "lib/rpc/encoded.h"
 #include "splinemap/local_map.h"
 #include "tests/support/map_writer.h"
 
@@ -56,7 +56,7 @@ Figures::Competitor Measure(const std::string& name, const LocalMap& map, const 
   double most_ms = 0;
   int measured = 0;
   for (const Chunk& piece : pieces) {
-    const auto asked = FromMessage(ToMessage(query, piece));
+    const auto asked = *DecodeRequest<Query>(Encode(ToMessage(query, piece)));
     if (!asked.ok()) continue;  // one sweep that is too large
     const double ms = Milliseconds(map, *asked);
     sum_ms += ms;

@@ -11,7 +11,7 @@
 #include "lib/base/mutex.h"
 #include "lib/base/status.h"
 #include "lib/pipeline/mapper.h"
-#include "lib/rpc/messages.h"
+#include "lib/rpc/encoded.h"
 #include "lib/simulation/simulation.h"
 #include "lib/wire/encode.h"
 #include "lib/wire/lcm_bus.h"
@@ -223,7 +223,7 @@ std::vector<RawMessage> MessagesLike(const PointsQuery& query) {
     const auto begin = query.points_m.begin();
     const PointsQuery part{{begin + piece.begin, begin + piece.end}};
     const size_t bytes =
-        ToMessage(query, piece).getEncodedSize() + ToMessage(*map.Ask(part)).getEncodedSize();
+        ToMessage(query, piece).getEncodedSize() + EncodeReply(*map.Ask(part), {}).size();
     messages.push_back({std::vector<uint8_t>(bytes / 2)});
   }
   return messages;
