@@ -66,6 +66,8 @@ class MapClient::Impl {
     MutexLock lock(mutex_);
     return flow_.Remove(id);
   }
+  template <typename Query>
+  absl::StatusOr<AnyAnswer> Ask(const Query& query);
   template <typename Request>
   absl::Status Command(Request request, std::chrono::milliseconds deadline);
   DaemonIdentity daemon() {
@@ -76,13 +78,21 @@ class MapClient::Impl {
     MutexLock lock(mutex_);
     return flow_.RobotsOfOtherMaps();
   }
-  std::chrono::milliseconds deadline() const { return deadline_; }
 
  private:
+  using Lock = std::unique_lock<Mutex>;
+
   void Receive(const std::string& channel, absl::Span<const uint8_t> message);
   void Run(const std::stop_token& stop);
-  void Publish(const std::vector<RequestFlow::Outgoing>& outgoing) const;
-  void Deliver();
+  // These are called with mutex_ locked, and unlock it meanwhile.
+  void Rest(Lock& lock, const std::stop_token& stop);
+  template <typename Condition>
+  void ReceiveUntil(Lock& lock, Condition is_done);
+  void Step(Lock& lock, std::chrono::milliseconds timeout);
+
+  void Publish(std::vector<RequestFlow::Outgoing> outgoing) const;
+  // Where it is not the client's thread, `callbacks_` keeps what only that may call.
+  void Deliver(bool is_own_thread);
 
   const std::unique_ptr<LcmBus> bus_;
   const std::chrono::milliseconds deadline_;
@@ -90,6 +100,14 @@ class MapClient::Impl {
   Mutex mutex_;
   RequestFlow flow_ ABSL_GUARDED_BY(mutex_);
   ConditionVariable found_;
+  // One thread at a time receives: of those that wait for an answer one, else the client's own.
+  // So what is waited for is not handed over from thread to thread.
+  ConditionVariable changed_;
+  bool is_receiving_ ABSL_GUARDED_BY(mutex_) = true;  // somebody is
+  bool is_resting_ ABSL_GUARDED_BY(mutex_) = false;   // the client's own thread is
+  int num_waiting_ ABSL_GUARDED_BY(mutex_) = 0;       // for an answer
+  Clock::time_point last_waited_ ABSL_GUARDED_BY(mutex_);
+  std::vector<RequestFlow::Finished> callbacks_ ABSL_GUARDED_BY(mutex_);
   std::atomic<bool> is_idle_ = false;
   std::jthread running_;
 };
@@ -117,7 +135,7 @@ MapClient::Impl::~Impl() {
     MutexLock lock(mutex_);
     flow_.CancelAll();
   }
-  Deliver();
+  Deliver(/*is_own_thread=*/true);
 }
 
 absl::Status MapClient::Impl::AwaitDaemon() {
@@ -133,17 +151,57 @@ absl::Status MapClient::Impl::AwaitDaemon() {
 void MapClient::Impl::Run(const std::stop_token& stop) {
   const std::stop_callback wake(stop, [this] { bus_->Wake(); });
   Clock::time_point last_pending = Clock::now();
+  Lock lock(mutex_);
   while (!stop.stop_requested()) {
-    {
-      MutexLock lock(mutex_);
-      flow_.Tick(Clock::now());
-      if (flow_.daemon()) found_.notify_all();
-      if (!flow_.daemon() || flow_.num_pending() > 0) last_pending = Clock::now();
-    }
-    Deliver();
+    if (num_waiting_ > 0) Rest(lock, stop);
+    if (!flow_.daemon() || flow_.num_pending() > 0) last_pending = Clock::now();
     is_idle_ = Clock::now() - last_pending > kIdle;
-    bus_->Handle(is_idle_ ? kIdle : kTick);
+    Step(lock, is_idle_ ? kIdle : kTick);
   }
+}
+
+// As long as others receive, and a bit longer: who has asked may ask again.
+void MapClient::Impl::Rest(Lock& lock, const std::stop_token& stop) {
+  is_resting_ = true;
+  is_receiving_ = false;
+  changed_.notify_all();
+  const auto is_needed = [this] { return num_waiting_ == 0 && flow_.num_pending() > 0; };
+  while (!stop.stop_requested() && !is_needed() &&
+         (num_waiting_ > 0 || Clock::now() - last_waited_ < kTick)) {
+    changed_.wait_for(lock, stop, kTick, [&] { return !callbacks_.empty() || is_needed(); });
+    if (callbacks_.empty()) continue;
+    lock.unlock();
+    Deliver(/*is_own_thread=*/true);
+    lock.lock();
+  }
+  is_resting_ = false;
+  is_receiving_ = true;
+}
+
+template <typename Condition>
+void MapClient::Impl::ReceiveUntil(Lock& lock, Condition is_done) {
+  ++num_waiting_;
+  if (!is_resting_) bus_->Wake();
+  changed_.wait(lock, [&] { return is_done() || !is_receiving_; });
+  if (!is_done()) {
+    is_receiving_ = true;
+    while (!is_done()) Step(lock, kTick);
+    is_receiving_ = false;
+  }
+  --num_waiting_;
+  last_waited_ = Clock::now();
+  if (num_waiting_ > 0 || flow_.num_pending() > 0) changed_.notify_all();
+}
+
+void MapClient::Impl::Step(Lock& lock, std::chrono::milliseconds timeout) {
+  lock.unlock();
+  bus_->Handle(timeout);
+  lock.lock();
+  flow_.Tick(Clock::now());
+  if (flow_.daemon()) found_.notify_all();
+  lock.unlock();
+  Deliver(std::this_thread::get_id() == running_.get_id());
+  lock.lock();
 }
 
 void MapClient::Impl::Receive(const std::string& channel, absl::Span<const uint8_t> message) {
@@ -161,21 +219,33 @@ void MapClient::Impl::Receive(const std::string& channel, absl::Span<const uint8
   flow_.HandleDisbelieved(why, header->status != 0);
 }
 
-void MapClient::Impl::Publish(const std::vector<RequestFlow::Outgoing>& outgoing) const {
-  for (const auto& message : outgoing) {
-    bus_->PublishBytes(message.channel, Signed(keys_.get(), message.channel, message.bytes));
+void MapClient::Impl::Publish(std::vector<RequestFlow::Outgoing> outgoing) const {
+  for (auto& message : outgoing) {
+    bus_->PublishBytes(message.channel,
+                       Signed(keys_.get(), message.channel, std::move(message.bytes)));
   }
 }
 
-void MapClient::Impl::Deliver() {
+void MapClient::Impl::Deliver(bool is_own_thread) {
   std::vector<RequestFlow::Outgoing> outgoing;
   std::vector<RequestFlow::Finished> finished;
   {
     MutexLock lock(mutex_);
     outgoing = flow_.DrainOutgoing();
     finished = flow_.DrainFinished();
+    const auto callbacks = std::partition(finished.begin(), finished.end(),
+                                          [](const auto& f) { return f.request->is_waited_for(); });
+    std::move(callbacks, finished.end(), std::back_inserter(callbacks_));
+    finished.erase(callbacks, finished.end());
+    if (is_own_thread) {
+      std::move(callbacks_.begin(), callbacks_.end(), std::back_inserter(finished));
+      callbacks_.clear();
+    } else if (!callbacks_.empty()) {
+      changed_.notify_all();
+    }
   }
-  Publish(outgoing);
+  Publish(std::move(outgoing));
+  if (finished.empty()) return;
   const std::string problem = bus_->Problem();
   for (const auto& [request, status] : finished) {
     const bool is_bus = absl::IsDeadlineExceeded(status) && !problem.empty();
@@ -191,17 +261,34 @@ MapClient::RequestId MapClient::Impl::Add(std::unique_ptr<PendingRequest> reques
     MutexLock lock(mutex_);
     if (flow_.num_pending() < RequestFlow::kMaxRequests) {
       const auto now = Clock::now();
+      const bool is_waited_for = request->is_waited_for();
       id = flow_.Start(std::move(request), now + std::min(deadline, kLongestDeadline), now);
       outgoing = flow_.DrainOutgoing();
+      if (is_resting_ && !is_waited_for) changed_.notify_all();
     }
   }
   if (request) {
     request->Finish(absl::ResourceExhaustedError(
         fmt::format("{} requests are under way", RequestFlow::kMaxRequests)));
   }
-  Publish(outgoing);
+  Publish(std::move(outgoing));
   if (is_idle_) bus_->Wake();  // it looks after deadlines now
   return id;
+}
+
+template <typename Query>
+absl::StatusOr<AnyAnswer> MapClient::Impl::Ask(const Query& query) {
+  using Answer = typename Query::Answer;
+  std::optional<absl::StatusOr<AnyAnswer>> answer;
+  const auto done = [&](absl::StatusOr<Answer> a) {
+    MutexLock lock(mutex_);
+    answer = std::move(a);
+    if (num_waiting_ > 1) changed_.notify_all();  // it may be another's
+  };
+  Add(std::make_unique<PendingQuery<Query>>(query, done, /*is_waited_for=*/true), deadline_);
+  Lock lock(mutex_);
+  ReceiveUntil(lock, [&] { return answer.has_value(); });
+  return *std::move(answer);
 }
 
 template <typename Request>
@@ -244,15 +331,12 @@ void MapClient::Cancel(RequestId id) const {
 }
 
 absl::StatusOr<AnyAnswer> MapClient::AskAny(const AnyQuery& query) const {
-  std::promise<absl::StatusOr<AnyAnswer>> promise;
-  std::visit(
-      [&](const auto* q) {
-        using Answer = typename std::remove_cvref_t<decltype(*q)>::Answer;
-        Start(*q, impl_->deadline(),
-              [&promise](absl::StatusOr<Answer> answer) { promise.set_value(std::move(answer)); });
+  return std::visit(
+      [&](const auto* q) -> absl::StatusOr<AnyAnswer> {
+        SPLINEMAP_RETURN_IF_ERROR(CheckAll(*q));
+        return impl_->Ask(*q);
       },
       query);
-  return promise.get_future().get();
 }
 
 absl::Status MapClient::Save(std::chrono::milliseconds deadline) {

@@ -23,14 +23,18 @@ class PendingQuery : public PendingRequest {
   using Answer = typename Query::Answer;
   using Done = std::function<void(absl::StatusOr<Answer>)>;
 
-  PendingQuery(Query query, Done done)
-      : query_(std::move(query)), chunks_(Split(query_)), done_(std::move(done)) {}
+  PendingQuery(Query query, Done done, bool is_waited_for = false)
+      : query_(std::move(query)),
+        chunks_(Split(query_)),
+        done_(std::move(done)),
+        is_waited_for_(is_waited_for) {}
 
   std::string Channel(const std::string& channel_prefix) const override {
     return channel_prefix + Rpc<Query>::kChannel;
   }
   size_t num_chunks() const override { return chunks_.size(); }
   bool is_command() const override { return false; }
+  bool is_waited_for() const override { return is_waited_for_; }
   std::string Describe() const override {
     return fmt::format("query of {} {}", chunks_.back().end, Rpc<Query>::kName);
   }
@@ -53,6 +57,7 @@ class PendingQuery : public PendingRequest {
   const Query query_;
   const std::vector<Chunk> chunks_;
   const Done done_;
+  const bool is_waited_for_;
   Answer answer_;
 };
 

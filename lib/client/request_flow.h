@@ -29,6 +29,8 @@ class PendingRequest {
   virtual size_t num_chunks() const = 0;
   // A command is not given again to a daemon that was started again.
   virtual bool is_command() const = 0;
+  // Any thread may finish it, since that calls nothing of the caller's.
+  virtual bool is_waited_for() const { return false; }
   virtual std::string Describe() const = 0;
 
   virtual std::vector<uint8_t> Encode(size_t chunk, const request_t& header) const = 0;

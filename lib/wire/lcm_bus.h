@@ -23,10 +23,10 @@ namespace splinemap {
 // A connection to an LCM bus. A network that is not there, or goes away, is a problem, not an
 // error: it is looked for once a second and, when it is there, everything is subscribed to again.
 // What is published meanwhile is lost. Messages come as bytes: what they claim to be is not checked
-// here. One thread calls Subscribe(), Handle() and DrainNews(); the rest is thread-safe.
+// here. One thread at a time calls Subscribe(), Handle() and DrainNews(); the rest is thread-safe.
 class LcmBus {
  public:
-  // Runs in the thread of Handle(). A message with which it throws is lost, and counted.
+  // Runs in the thread that calls Handle(). A message with which it throws is lost, and counted.
   using Handler = std::function<void(const std::string& channel, absl::Span<const uint8_t>)>;
 
   // `url` as BusAddress::Parse() takes it; its errors, and Unavailable for a file:// that cannot be

@@ -6,6 +6,8 @@
 #include <cstdio>
 #include <future>
 #include <numbers>
+#include <set>
+#include <thread>
 
 #include "lib/map/summed_layers.h"
 #include "lib/wire/encode.h"
@@ -150,6 +152,38 @@ TEST_F(MapClientTest, ManyQueriesAtOnceEachEndOnce) {
                  [&](const auto& answer) { cancelled += answer.ok() ? 0 : 1000; });
   client_.reset();
   EXPECT_GE(cancelled, 1000);
+}
+
+// Who waits receives for all, and takes only his own answer.
+TEST_F(MapClientTest, CallbacksAreCalledByTheClientsThreadWhileOthersWait) {
+  StartDaemon();
+  Connect();
+  Drive(20);
+  std::atomic<bool> is_over = false;
+  std::vector<std::jthread> asking;
+  std::atomic<int> answered = 0;
+  for (int n = 0; n < 3; ++n) {
+    asking.emplace_back([&] {
+      while (!is_over) {
+        const auto answer = client_->Ask(PointsQuery{{{3.03, 0}}, false});
+        EXPECT_TRUE(answer.ok()) << answer.status();
+        ++answered;
+      }
+    });
+  }
+  std::set<std::thread::id> threads;
+  for (int n = 0; n < 300; ++n) {
+    std::promise<std::thread::id> called;
+    client_->Start(PointsQuery{{{3.03, 0}}, false}, std::chrono::seconds(20), [&](const auto& a) {
+      EXPECT_TRUE(a.ok()) << a.status();
+      called.set_value(std::this_thread::get_id());
+    });
+    threads.insert(called.get_future().get());
+  }
+  is_over = true;
+  asking.clear();
+  EXPECT_GT(answered, 0);
+  EXPECT_EQ(threads.size(), 1u);
 }
 
 TEST_F(MapClientTest, SizesAreLimited) {
