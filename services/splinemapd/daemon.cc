@@ -203,7 +203,7 @@ absl::Status Daemon::StartThreads() {
         p.replication.OnOwnScan(session, {revision, scan.pose.utime, layer_T_robot, *scan.beams});
       });
   p.folding.Start();
-  p.receiving.Start();
+  p.receiving.Start(p.requests);
   return absl::OkStatus();
 }
 
@@ -253,13 +253,13 @@ absl::Status Daemon::Stop() {
   if (!std::exchange(is_running_, false)) return absl::OkStatus();
   // In the order of the data, so that each thread gets all that the one before has left; and what
   // the disk lacks comes first, since whoever ends daemons may not wait for long.
+  parts_->requests.Stop();
   parts_->receiving.Stop();
   parts_->folding.Stop();
   parts_->mapping.Stop();
   const absl::Status saved = parts_->saver.Stop();
-  parts_->requests.Stop();
   // What is published last is on disk. Followers may ask for it.
-  parts_->receiving.Start();
+  parts_->receiving.Start(parts_->requests);
   parts_->replication.Stop();
   parts_->receiving.Stop();
   SPLINEMAP_RETURN_IF_ERROR(saved);

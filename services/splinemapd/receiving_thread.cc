@@ -26,19 +26,27 @@ void ReceivingThread::Subscribe(const std::string& channel, Handler handler) {
   });
 }
 
-void ReceivingThread::Start() {
-  receiving_ = std::jthread([this](const std::stop_token& stop) { Run(stop); });
+void ReceivingThread::Start(RequestServer& requests) {
+  for (std::jthread& thread : threads_) {
+    thread = std::jthread([this, &requests](const std::stop_token& stop) { Run(stop, requests); });
+  }
 }
 
-void ReceivingThread::Run(const std::stop_token& stop) {
+void ReceivingThread::Run(const std::stop_token& stop, RequestServer& requests) {
   const std::stop_callback wake(stop, [this] { bus_.Wake(); });
   while (!stop.stop_requested()) {
+    ReceiveUntilRequest(stop, requests);
+    requests.Serve();
+  }
+}
+
+void ReceivingThread::ReceiveUntilRequest(const std::stop_token& stop,
+                                          const RequestServer& requests) {
+  MutexLock lock(turn_);
+  while (!stop.stop_requested() && !requests.NeedsServer()) {
     bus_.Handle(kLongest);
     steps_.Add();
     ReportNews();
-  }
-  const auto deadline = Clock::now() + kMaxDrain;
-  while (bus_.Handle(milliseconds(0)) == LcmBus::Handled::kMessage && Clock::now() < deadline) {
   }
 }
 
@@ -55,8 +63,12 @@ void ReceivingThread::ReportNews() {
 }
 
 void ReceivingThread::Stop() {
-  receiving_.request_stop();
-  if (receiving_.joinable()) receiving_.join();
+  if (!threads_[0].joinable()) return;
+  for (std::jthread& thread : threads_) thread.request_stop();
+  for (std::jthread& thread : threads_) thread.join();
+  const auto deadline = Clock::now() + kMaxDrain;
+  while (bus_.Handle(milliseconds(0)) == LcmBus::Handled::kMessage && Clock::now() < deadline) {
+  }
 }
 
 }  // namespace splinemap

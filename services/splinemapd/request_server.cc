@@ -38,14 +38,11 @@ RequestServer::RequestServer(std::string channel_prefix, NewestMap& newest, Send
       send_(std::move(send)),
       execute_(std::move(execute)),
       keys_(std::move(keys)),
-      newest_map_(newest.View()),
-      serving_([this](const std::stop_token& stop) { Serve(stop); }) {}
-
-RequestServer::~RequestServer() { Stop(); }
+      newest_map_(newest.View()) {}
 
 void RequestServer::Stop() {
-  serving_.request_stop();
-  if (serving_.joinable()) serving_.join();
+  MutexLock lock(mutex_);
+  is_stopped_ = true;
 }
 
 std::vector<std::string> RequestServer::Channels(const std::string& channel_prefix) {
@@ -56,29 +53,26 @@ std::vector<std::string> RequestServer::Channels(const std::string& channel_pref
 
 void RequestServer::Handle(absl::Span<const uint8_t> message) {
   const std::optional<request_t> header = RequestHeaderOf(message);
-  {
-    MutexLock lock(mutex_);
-    if (!header) {
-      ++counts_.malformed;
-      return;
-    }
-    const auto nonce = static_cast<uint64_t>(header->daemon_nonce);
-    if (nonce != 0 && nonce != daemon_nonce_) {
-      ++counts_.for_others;
-      return;
-    }
-    if (message.size() > kMaxRpcBytes + kSignatureBytes) {
-      Refuse(*header, message,
-             InvalidArgument("a request of {} bytes; at most {} are allowed", message.size(),
-                             kMaxRpcBytes));
-    } else if (queue_.Push(*header, message) == RequestQueue::PushResult::kFull) {
-      Refuse(*header, message,
-             absl::ResourceExhaustedError(
-                 fmt::format("{} requests of one client wait, or {} in all; ask again a bit later",
-                             RequestQueue::kMaxOfLine, RequestQueue::kMax)));
-    }
+  MutexLock lock(mutex_);
+  if (!header) {
+    ++counts_.malformed;
+    return;
   }
-  handled_.notify_one();
+  const auto nonce = static_cast<uint64_t>(header->daemon_nonce);
+  if (nonce != 0 && nonce != daemon_nonce_) {
+    ++counts_.for_others;
+    return;
+  }
+  if (message.size() > kMaxRpcBytes + kSignatureBytes) {
+    Refuse(*header, message,
+           InvalidArgument("a request of {} bytes; at most {} are allowed", message.size(),
+                           kMaxRpcBytes));
+  } else if (queue_.Push(*header, message) == RequestQueue::PushResult::kFull) {
+    Refuse(*header, message,
+           absl::ResourceExhaustedError(
+               fmt::format("{} requests of one client wait, or {} in all; ask again a bit later",
+                           RequestQueue::kMaxOfLine, RequestQueue::kMax)));
+  }
 }
 
 void RequestServer::Refuse(const request_t& header, absl::Span<const uint8_t> message,
@@ -94,41 +88,57 @@ RequestServer::Counts RequestServer::counts() const {
   return counts_;
 }
 
-void RequestServer::Serve(const std::stop_token& stop) {
+bool RequestServer::NeedsServer() const {
+  MutexLock lock(mutex_);
+  return waiting_ && IsToServe();
+}
+
+void RequestServer::Serve() {
+  {
+    MutexLock lock(mutex_);
+    if (!waiting_ || !IsToServe()) return;
+    waiting_.reset();
+  }
   while (true) {
-    std::optional<QueuedRequest> request;
-    std::optional<Refusal> refusal;
-    {
-      const WorkSteps::Waiting waiting(steps_);
-      std::unique_lock lock(mutex_);
-      handled_.wait(lock, stop, [this] { return !queue_.empty() || !refusals_.empty(); });
-      if (stop.stop_requested()) return;
-      if (!refusals_.empty()) {
-        refusal = std::move(refusals_.front());
-        refusals_.pop_front();
-      }
-      if (!queue_.empty()) request = queue_.Pop();
-    }
-    if (request && IsCommand(request->bytes)) {
-      ExecuteCommand(*request);
-    } else if (request) {
-      AnswerQuery(*request);
-    }
-    if (!refusal) continue;
-    const request_t& header = refusal->request.header;
-    Reply(header, RefuseRequest(refusal->request.bytes, refusal->why, HeaderFor(header)));
+    ServeNext();
+    steps_.Add();
+    MutexLock lock(mutex_);
+    if (IsToServe()) continue;
+    waiting_.emplace(steps_);
+    return;
   }
 }
 
+void RequestServer::ServeNext() {
+  std::optional<QueuedRequest> request;
+  std::optional<Refusal> refusal;
+  {
+    MutexLock lock(mutex_);
+    if (!refusals_.empty()) {
+      refusal = std::move(refusals_.front());
+      refusals_.pop_front();
+    }
+    if (!queue_.empty()) request = queue_.Pop();
+  }
+  if (request && IsCommand(request->bytes)) {
+    ExecuteCommand(*request);
+  } else if (request) {
+    AnswerQuery(*request);
+  }
+  if (!refusal) return;
+  const request_t& header = refusal->request.header;
+  Reply(header, RefuseRequest(refusal->request.bytes, refusal->why, HeaderFor(header)));
+}
+
 void RequestServer::AnswerQuery(const QueuedRequest& request) {
-  const std::vector<uint8_t> reply =
+  std::vector<uint8_t> reply =
       AnswerRequest(request.bytes, MapFor(request), HeaderFor(request.header));
   if (reply.empty()) {
     MutexLock lock(mutex_);
     ++counts_.malformed;
     return;
   }
-  Reply(request.header, reply);
+  Reply(request.header, std::move(reply));
 }
 
 absl::Status RequestServer::CheckSigner(absl::Span<const uint8_t> command) const {
@@ -179,7 +189,7 @@ void RequestServer::ExecuteCommand(const QueuedRequest& request) {
     }
   }
   if (!reply.empty()) {
-    Reply(header, reply);
+    Reply(header, std::move(reply));
     return;
   }
   if (header.daemon_nonce == 0) {

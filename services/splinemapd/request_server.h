@@ -4,8 +4,8 @@
 #include <deque>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -24,10 +24,9 @@
 
 namespace splinemap {
 
-// Replies to the requests of clients in a thread of its own, so that the map never waits for them:
-// answers queries, and has commands executed, each once. Clients take turns. What exceeds the queue
-// is refused with RESOURCE_EXHAUSTED, once for each request that is served, else not answered.
-// Thread-safe.
+// Replies to the requests of clients, in one thread at a time: answers queries, and has commands
+// executed, each once. Clients take turns. What exceeds the queue is refused with
+// RESOURCE_EXHAUSTED, once for each request that is served, else not answered. Thread-safe.
 class RequestServer {
  public:
   using Send = std::function<void(const std::string& channel, absl::Span<const uint8_t> reply)>;
@@ -39,13 +38,16 @@ class RequestServer {
   // with one that may decide: each once, also where it was recorded and is sent again later.
   RequestServer(std::string channel_prefix, NewestMap& newest, Send send, Execute execute,
                 std::shared_ptr<const KeyRing> keys = nullptr);
-  ~RequestServer();
 
   // The channels of requests.
   static std::vector<std::string> Channels(const std::string& channel_prefix);
 
-  // Any bytes of any of them. Does not wait.
+  // Any bytes of any of them. Does not wait; somebody has to look after NeedsServer() then.
   void Handle(absl::Span<const uint8_t> message);
+  // Whether requests wait, and no thread is about to serve them.
+  bool NeedsServer() const;
+  // Serves what waits until nothing does, where NeedsServer().
+  void Serve();
 
   struct Counts {
     int64_t malformed = 0;
@@ -57,7 +59,7 @@ class RequestServer {
   Counts counts() const;
   const WorkSteps& steps() const { return steps_; }
 
-  // Commands that are being executed get no reply.
+  // What waits is not served any more.
   void Stop();
 
  private:
@@ -82,7 +84,10 @@ class RequestServer {
 
   void Refuse(const request_t& header, absl::Span<const uint8_t> message, absl::Status why)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  void Serve(const std::stop_token& stop);
+  bool IsToServe() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return !is_stopped_ && (!queue_.empty() || !refusals_.empty());
+  }
+  void ServeNext();
   void AnswerQuery(const QueuedRequest& request);
   void ExecuteCommand(const QueuedRequest& request);
   absl::Status CheckSigner(absl::Span<const uint8_t> command) const;
@@ -101,18 +106,19 @@ class RequestServer {
   const Execute execute_;
   const std::shared_ptr<const KeyRing> keys_;
   mutable Mutex mutex_;
-  ConditionVariable handled_;
   RequestQueue queue_ ABSL_GUARDED_BY(mutex_);
   std::deque<Refusal> refusals_ ABSL_GUARDED_BY(mutex_);
   Counts counts_ ABSL_GUARDED_BY(mutex_);
   std::vector<CommandId> executing_ ABSL_GUARDED_BY(mutex_);
   std::deque<ExecutedCommand> executed_ ABSL_GUARDED_BY(mutex_);  // the last ones
   WorkSteps steps_;
-  // Of the thread.
+  bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
+  // While no thread serves.
+  std::optional<WorkSteps::Waiting> waiting_ ABSL_GUARDED_BY(mutex_){std::in_place, steps_};
+  // Of the thread that serves.
   absl::flat_hash_set<CommandId> signed_commands_;  // that were executed
   LocalMap newest_map_;
   std::deque<PinnedMap> pinned_;  // the last used last
-  std::jthread serving_;
 };
 
 }  // namespace splinemap

@@ -40,11 +40,11 @@ class MapOnBus {
       receiving_.Subscribe(channel, [this](const std::string&, auto m) { requests_.Handle(m); });
     }
     replication_.Start({});
-    receiving_.Start();
+    receiving_.Start(requests_);
   }
   ~MapOnBus() {
-    receiving_.Stop();
     requests_.Stop();
+    receiving_.Stop();
     replication_.Stop();
   }
 

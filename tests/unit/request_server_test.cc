@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <future>
+#include <thread>
 
 #include "lcmtypes/splinemap/command_reply_t.hpp"
 #include "lcmtypes/splinemap/command_request_t.hpp"
@@ -47,6 +49,12 @@ class RequestServerTest : public testing::Test {
           done(name == "fail" ? absl::FailedPreconditionError("session 1") : absl::OkStatus());
         },
         std::move(keys));
+    serving_ = std::jthread([this](const std::stop_token& stop) {
+      while (!stop.stop_requested()) {
+        if (!server_->NeedsServer()) std::this_thread::sleep_for(std::chrono::microseconds(100));
+        server_->Serve();
+      }
+    });
   }
 
   static points_request_t Request(int64_t client, int64_t id, int64_t query = 0,
@@ -99,6 +107,7 @@ class RequestServerTest : public testing::Test {
   RequestServer::Done slow_ ABSL_GUARDED_BY(mutex_);
   NewestMap newest_{RandomMap(1)->options, OwnLayer(1, 20)};
   std::unique_ptr<RequestServer> server_;
+  std::jthread serving_;
 };
 
 TEST_F(RequestServerTest, RepliesToWhoAskedWithWhoAnswers) {
@@ -214,6 +223,28 @@ TEST_F(RequestServerTest, LargeAndDamagedMessagesDoNoHarm) {
   const std::vector<Reply> replies = Await(2);
   EXPECT_EQ(Header(replies.at(1)).id, 3);
   EXPECT_GT(server_->counts().malformed, 40);
+}
+
+TEST_F(RequestServerTest, OneThreadServesAtATime) {
+  Start();
+  Shut();
+  server_->Handle(Encode(Request(1, 1)));
+  while (server_->steps().count() % 2 != 0) std::this_thread::yield();  // until it is served
+  server_->Handle(Encode(Request(1, 2)));
+  EXPECT_FALSE(server_->NeedsServer());
+  server_->Serve();  // returns, though the gate is shut
+  Open();
+  EXPECT_EQ(Header(Await(2).at(1)).id, 2);
+  while (server_->steps().count() % 2 == 0) std::this_thread::yield();
+}
+
+TEST_F(RequestServerTest, StoppedItServesNothing) {
+  Start();
+  server_->Stop();
+  server_->Handle(Encode(Request(1, 1)));
+  EXPECT_FALSE(server_->NeedsServer());
+  server_->Serve();
+  EXPECT_EQ(Await(0).size(), 0u);
 }
 
 class CommandTest : public RequestServerTest {
