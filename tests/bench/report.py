@@ -273,20 +273,23 @@ def growing(speed):
 
 
 def program(speed):
-    """The command line tool beside the kernel."""
-    name = "end_to_end/freiburg_079/splinemap_build"
-    build, kernel = speed.wall_seconds(name), speed.wall_seconds("insertion/freiburg_079/splinemap")
-    if build is None or kernel is None:
-        return "## `splinemap build`\n\nNot measured: the recorded drive is not there.\n"
-    scans = speed.median(name, "items_per_second") * speed.median(name, "real_time") / 1e9
-    cpu = speed.median(name, "cpu_s")
-    rows = [
-        ["splinemap build, wall", number(build * scans)],
-        ["splinemap build, processor", number(cpu)],
-        ["kernel, wall", number(kernel * scans)],
-        ["kernel, processor", number(speed.seconds("insertion/freiburg_079/splinemap") * scans)],
-    ]
-    return f"## `splinemap build` of Freiburg 079\n\n{scans:.0f} scans.\n\n" + table(["", "s"], rows)
+    """The command line tool beside a program that maps the same log into MRPT's grid."""
+    rows = []
+    for drive in speed.subjects("end_to_end"):
+        build, peer = (f"end_to_end/{drive}/{program}" for program in ("splinemap_build", "mrpt_build"))
+        wall_s, peer_wall_s = (speed.median(name, "real_time") for name in (build, peer))
+        cpu_s, peer_cpu_s = (speed.median(name, "cpu_s") for name in (build, peer))
+        if not (wall_s and peer_wall_s):
+            continue
+        scans = speed.median(build, "items_per_second") * wall_s / 1e9
+        rows.append([
+            words(drive), number(scans, 6), number(wall_s / 1e9), number(cpu_s),
+            number(ratio(wall_s, peer_wall_s)), number(ratio(cpu_s, peer_cpu_s)),
+        ])  # fmt: skip
+    if not rows:
+        return "## `splinemap build`\n\nNot measured: the recorded drives are not there.\n"
+    header = ["log", "scans", "wall, s", "processor, s", "wall, in MRPT's", "processor, in MRPT's"]
+    return "## `splinemap build`, the whole process\n\n" + table(header, rows)
 
 
 def accuracy(results):

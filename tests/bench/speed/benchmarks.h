@@ -19,7 +19,7 @@ void RegisterQueries(size_t num_tiles);
 void RegisterMerging(size_t num_tiles);
 // Scans and snapshots in maps of growing size.
 void RegisterGrowth(const Workload& workload, size_t max_tiles);
-// `splinemap build` of a recorded drive.
-void RegisterEndToEnd();
+// Whole processes over the log of a recorded drive, and of the same drive nine times, a campus.
+void RegisterEndToEnd(const Workload& workload);
 
 }  // namespace splinemap::bench

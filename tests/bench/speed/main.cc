@@ -26,7 +26,7 @@ bool RegisterAllInsertion(const std::string& name, bool quick, std::optional<Wor
   RegisterInsertion(*workload);
   RegisterPeers(*workload);
   RegisterLimit(*workload);
-  if (name == "freiburg_079") RegisterEndToEnd();
+  RegisterEndToEnd(*workload);
   return true;
 }
 
