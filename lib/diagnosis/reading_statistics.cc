@@ -28,16 +28,19 @@ void ReadingStatistics::Add(const RangeReadings& readings) {
   for (const float range_m : readings.ranges_m) {
     if (!(range_m > 0) || !std::isfinite(range_m)) continue;
     ++ranges_;
-    const double bin = std::floor(double{range_m} / kBin_m);
+    const double bin = double{range_m} / kBin_m;
     if (bin >= static_cast<double>(kMaxBins)) {
       ++far_;
       continue;
     }
-    const auto index = static_cast<size_t>(bin);
+    const auto index = static_cast<size_t>(static_cast<int32_t>(bin));  // which rounds down
     if (index >= bins_.size()) bins_.resize(index + 1);
     ++bins_[index];
   }
-  if (readings.bearings_rad.size() < 2) return;
+  // Only what all scans have is worth words.
+  const bool all_in_degrees = scans_in_degrees_ == scans_ - 1;
+  const bool all_one_bearing = scans_one_bearing_ == scans_ - 1;
+  if (readings.bearings_rad.size() < 2 || !(all_in_degrees || all_one_bearing)) return;
   const auto [least, greatest] =
       std::minmax_element(readings.bearings_rad.begin(), readings.bearings_rad.end());
   scans_in_degrees_ += *greatest - *least > 1.2 * 2 * std::numbers::pi;

@@ -43,12 +43,14 @@ class ReadingStatistics {
   double Quantile(double share) const;
 
   int64_t scans_ = 0;
-  int64_t readings_ = 0;           // of any value
-  int64_t ranges_ = 0;             // that are positive and finite
-  int64_t far_ = 0;                // of them beyond all bins
-  int64_t scans_in_degrees_ = 0;   // whose bearings span more than a turn
-  int64_t scans_one_bearing_ = 0;  // whose beams all have one bearing
-  std::vector<int64_t> bins_;      // readings of each centimetre, up to the longest
+  int64_t readings_ = 0;  // of any value
+  int64_t ranges_ = 0;    // that are positive and finite
+  int64_t far_ = 0;       // of them beyond all bins
+  // As long as all scans are such: whose bearings span more than a turn, whose beams all have one
+  // bearing.
+  int64_t scans_in_degrees_ = 0;
+  int64_t scans_one_bearing_ = 0;
+  std::vector<int64_t> bins_;  // readings of each centimetre, up to the longest
 };
 
 }  // namespace splinemap

@@ -14,23 +14,26 @@ namespace {
 
 using std::chrono::milliseconds;
 
-// What a reading means, or nothing.
-std::optional<Beam> Interpret(float range_m, const SensorOptions& options) {
-  Beam beam;
+// The limits of SensorOptions as floats: a sensor that reports its maximum reports that float.
+struct RangeLimits {
+  explicit RangeLimits(const SensorOptions& options)
+      : no_return_up_to_m(static_cast<float>(options.no_return_up_to_m)),
+        min_m(static_cast<float>(options.range_min_m)),
+        max_m(static_cast<float>(options.range_max_m)),
+        no_return_is_free(options.no_return_is_free) {}
+
+  float no_return_up_to_m;
+  float min_m;
+  float max_m;
+  bool no_return_is_free;
+};
+
+// Sets range and hit to what a reading means; false where it means nothing.
+bool Interpret(float range_m, const RangeLimits& limits, Beam& beam) {
   // A reading of 0 is the commonest way to say "no return", beside infinity and the maximum.
-  // Limits as floats: a sensor that reports its maximum reports that float.
-  const bool no_return =
-      (range_m >= 0 && range_m <= static_cast<float>(options.no_return_up_to_m)) ||
-      range_m >= static_cast<float>(options.range_max_m);
-  if (no_return) {
-    if (!options.no_return_is_free) return std::nullopt;
-    beam.range_m = static_cast<float>(options.range_max_m);
-    beam.hit = false;
-    return beam;
-  }
-  if (!(range_m >= static_cast<float>(options.range_min_m))) return std::nullopt;  // also NaN
-  beam.range_m = range_m;
-  return beam;
+  beam.hit = !((range_m >= 0 && range_m <= limits.no_return_up_to_m) || range_m >= limits.max_m);
+  beam.range_m = beam.hit ? range_m : limits.max_m;
+  return beam.hit ? range_m >= limits.min_m : limits.no_return_is_free;  // NaN: a hit, and no more
 }
 
 bool IsMasked(double bearing_rad, const std::vector<BearingRange>& masks) {
@@ -149,24 +152,32 @@ absl::StatusOr<Scan> PrepareScan(const RangeReadings& readings, const SensorOpti
   const double seen_rad = options.field_of_view_rad > 0 ? FieldOfView(readings.bearings_rad) : 0;
   const auto stretch =
       static_cast<float>(seen_rad > 0 ? sign * options.field_of_view_rad / seen_rad : sign);
-  scan.beams.reserve(count);
+  const RangeLimits limits(options);
+  const bool has_times = options.use_beam_times || options.scan_duration != Utime(0);
+  scan.beams.resize(count);
+  size_t kept = 0;
   for (size_t k = 0; k < count; k += options.every_nth_beam) {
-    std::optional<Beam> beam = Interpret(readings.ranges_m[k], options);
-    if (!beam || !std::isfinite(readings.bearings_rad[k])) continue;
-    beam->bearing_rad = stretch * readings.bearings_rad[k];
-    if (IsMasked(beam->bearing_rad, options.masks)) continue;
-    const std::optional<Utime> time_offset = BeamTime(readings, options, k);
-    if (!time_offset) {
-      return InvalidArgument(
-          "a beam time more than 2 s away from the scan's; set beam_times: false");
+    Beam& beam = scan.beams[kept];
+    if (!Interpret(readings.ranges_m[k], limits, beam)) continue;
+    if (!std::isfinite(readings.bearings_rad[k])) continue;
+    beam.bearing_rad = stretch * readings.bearings_rad[k];
+    if (IsMasked(beam.bearing_rad, options.masks)) continue;
+    if (has_times) {
+      const std::optional<Utime> time_offset = BeamTime(readings, options, k);
+      if (!time_offset) {
+        return InvalidArgument(
+            "a beam time more than 2 s away from the scan's; set beam_times: false");
+      }
+      beam.time_offset = *time_offset;
+      scan.first_beam = std::min(scan.first_beam, beam.time_offset);
+      scan.last_beam = std::max(scan.last_beam, beam.time_offset);
     }
-    beam->time_offset = *time_offset;
-    beam->reading = static_cast<uint16_t>(k);
-    scan.first_beam = std::min(scan.first_beam, beam->time_offset);
-    scan.last_beam = std::max(scan.last_beam, beam->time_offset);
-    scan.beams.push_back(*beam);
+    beam.reading = static_cast<uint16_t>(k);
+    ++kept;
   }
-  scan.beams.shrink_to_fit();  // scans may wait for poses by the thousand
+  scan.beams.resize(kept);
+  // Scans may wait for poses by the thousand.
+  if (scan.beams.size() < scan.beams.capacity() / 4 * 3) scan.beams.shrink_to_fit();
   return scan;
 }
 

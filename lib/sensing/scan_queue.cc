@@ -160,7 +160,7 @@ bool ScanQueue::OtherChannelsReached(const Scan& scan) const {
 
 void ScanQueue::Drain(bool end_of_input) {
   while (!waiting_.empty()) {
-    const Scan& scan = waiting_.begin()->second;
+    Scan& scan = waiting_.begin()->second;
     Fate fate = Judge(scan);
     if (fate == Fate::kPose && !end_of_input && !OtherChannelsReached(scan)) fate = Fate::kWait;
     if (fate == Fate::kWait) {
@@ -168,11 +168,13 @@ void ScanQueue::Drain(bool end_of_input) {
       fate = Fate::kNoPose;
     }
     if (fate == Fate::kPose) {
-      Pose(scan);
+      beams_waiting_ -= scan.beams.size();
+      Pose(std::move(scan));
+      waiting_.erase(waiting_.begin());
     } else {
       CountWithoutPose(scan);
+      DropOldest();
     }
-    DropOldest();
   }
 }
 
@@ -185,7 +187,10 @@ void ScanQueue::Pose(Scan scan) {
   std::optional<Utime> pose_time;
   FixedPose2 robot_T_sensor;
   bool moved = false;
-  for (const Beam& beam : scan.beams) {
+  const bool is_one_moment = scan.first_beam == scan.last_beam;
+  const size_t poses = is_one_moment ? std::min<size_t>(scan.beams.size(), 1) : scan.beams.size();
+  posed.robot_T_sensor.reserve(poses);
+  for (const Beam& beam : absl::MakeConstSpan(scan.beams).first(poses)) {
     if (const Utime utime = scan.utime + beam.time_offset; pose_time != utime) {
       const PoseBuffer::Bracket bracket = *poses_.Find(utime);  // Judge() saw that it is there
       if (bracket.after->utime - bracket.before->utime > options_.max_pose_gap) {
@@ -212,7 +217,9 @@ void ScanQueue::Pose(Scan scan) {
     return;
   }
   posed.beams = std::move(scan.beams);
-  for (Beam& beam : posed.beams) beam.time_offset = Utime(0);
+  if (!is_one_moment) {
+    for (Beam& beam : posed.beams) beam.time_offset = Utime(0);
+  }
   Level(scan.robot_T_sensor.yaw_rad, up_robot, absl::MakeSpan(posed.beams));
   last_posed_ = {posed.utime, posed.channel};
   ready_.push_back(std::move(posed));

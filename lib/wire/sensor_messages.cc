@@ -49,10 +49,10 @@ absl::StatusOr<RangeReadings> DecodePlanarLidar(absl::Span<const uint8_t> bytes)
   }
   RangeReadings readings;
   readings.utime = Utime(message.utime);
-  readings.bearings_rad.reserve(message.ranges.size());
+  readings.bearings_rad.resize(message.ranges.size());
   for (size_t k = 0; k < message.ranges.size(); ++k) {
-    readings.bearings_rad.push_back(
-        static_cast<float>(double{message.rad0} + static_cast<double>(k) * message.radstep));
+    readings.bearings_rad[k] = static_cast<float>(
+        double{message.rad0} + static_cast<int32_t>(k) * double{message.radstep});
   }
   readings.ranges_m = std::move(message.ranges);
   return readings;
