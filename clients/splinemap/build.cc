@@ -156,7 +156,8 @@ absl::StatusOr<int> Build(const BuildFlags& flags) {
     ProgressBar bar("looking for scans and poses");
     const auto show = [&](double share) { bar.Show(share); };
     std::string damage;  // which is reported when the log is mapped
-    SPLINEMAP_ASSIGN_OR_RETURN(const Survey survey, SurveyLog(flags.log, show, damage));
+    SPLINEMAP_ASSIGN_OR_RETURN(const Survey survey,
+                               SurveyLog(flags.log, SurveyDepth::kTypes, show, damage));
     SPLINEMAP_RETURN_IF_ERROR(ChooseChannels(survey, config));
   }
   SPLINEMAP_RETURN_IF_ERROR(CheckConfig(config));
@@ -185,8 +186,9 @@ absl::StatusOr<int> Build(const BuildFlags& flags) {
   ReportDrops(counts.drops);
   if (counts.scans_received == 0 || counts.poses_received == 0) {
     std::string damage;  // is reported already
-    SPLINEMAP_ASSIGN_OR_RETURN(const Survey survey, SurveyLog(
-                                                        flags.log, [](double) {}, damage));
+    SPLINEMAP_ASSIGN_OR_RETURN(const Survey survey,
+                               SurveyLog(
+                                   flags.log, SurveyDepth::kTypes, [](double) {}, damage));
     SPLINEMAP_RETURN_IF_ERROR(ChooseChannels(survey, config));
   }
   if (counts.scans_mapped == 0) {

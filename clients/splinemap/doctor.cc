@@ -206,7 +206,7 @@ absl::StatusOr<int> Doctor(const DoctorFlags& flags) {
   } else {
     ProgressBar bar("reading");
     const auto show = [&](double share) { bar.Show(share); };
-    SPLINEMAP_ASSIGN_OR_RETURN(survey, SurveyLog(flags.log, show, damage));
+    SPLINEMAP_ASSIGN_OR_RETURN(survey, SurveyLog(flags.log, SurveyDepth::kAll, show, damage));
   }
   if (!damage.empty()) PrintLine(stderr, "{}", damage);
   const absl::StatusOr<Proposal> proposal = Propose(survey, given);

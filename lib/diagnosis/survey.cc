@@ -68,23 +68,30 @@ bool IsSurveyed(MessageType type) {
 
 }  // namespace
 
-void Survey::Add(Utime received, const std::string& name, absl::Span<const uint8_t> message) {
+Survey::Sighting* Survey::Count(Utime received, const std::string& name,
+                                absl::Span<const uint8_t> message) {
   if (!first_received_) first_received_ = received;
   last_received_ = received;
   auto place = sightings_.find(name);
   if (place == sightings_.end()) {
-    if (sightings_.size() >= kMaxChannels) return;
+    if (sightings_.size() >= kMaxChannels) return nullptr;
     place = sightings_.try_emplace(name).first;
     place->second.channel.name = name;
     place->second.channel.fingerprint = FingerprintOf(message);
     place->second.first_received = received;
   }
   Sighting& sighting = place->second;
-  SurveyedChannel& channel = sighting.channel;
-  ++channel.messages;
+  ++sighting.channel.messages;
   sighting.last_received = received;
-  if (!channel.type) SetType(sighting, message);
-  if (!channel.type) return;
+  if (!sighting.channel.type) SetType(sighting, message);
+  return &sighting;
+}
+
+void Survey::Add(Utime received, const std::string& name, absl::Span<const uint8_t> message) {
+  Sighting* const added = Count(received, name, message);
+  if (added == nullptr || !added->channel.type) return;
+  Sighting& sighting = *added;
+  SurveyedChannel& channel = sighting.channel;
   const absl::StatusOr<Utime> utime = Check(sighting, message, received);
   if (!utime.ok()) {
     if (channel.malformed++ == 0) channel.complaint = ErrorText(utime.status());
@@ -225,11 +232,18 @@ std::optional<SensorMount> Survey::MountOf(const std::string& channel) const {
   return place == sightings_.end() ? std::nullopt : place->second.mount;
 }
 
-absl::StatusOr<Survey> SurveyLog(const std::string& path, absl::FunctionRef<void(double)> progress,
-                                 std::string& damage) {
+absl::StatusOr<Survey> SurveyLog(const std::string& path, SurveyDepth depth,
+                                 absl::FunctionRef<void(double)> progress, std::string& damage) {
   Survey survey;
   const absl::Status status = ReadLcmLog(
-      path, [&](const LogEvent& event) { survey.Add(event.utime, event.channel, event.message); },
+      path,
+      [&](const LogEvent& event) {
+        if (depth == SurveyDepth::kTypes) {
+          survey.AddType(event.utime, event.channel, event.message);
+        } else {
+          survey.Add(event.utime, event.channel, event.message);
+        }
+      },
       progress);
   damage = ErrorText(status);
   if (!status.ok() && survey.channels().empty()) return status;

@@ -117,6 +117,28 @@ TEST(SurveyTest, ChannelsAreChosenWhereThereIsNoChoice) {
             "ODOMETER is no channel of poses (did you mean ODOMETRY?); there are: ODOMETRY, POSE");
 }
 
+TEST(SurveyTest, TypesAloneChooseAsAllOfItDoes) {
+  Survey all, types;
+  const auto add = [&](const std::string& channel, int64_t ms, const std::vector<uint8_t>& bytes) {
+    all.Add(milliseconds(ms), channel, bytes);
+    types.AddType(milliseconds(ms), channel, bytes);
+  };
+  for (int n = 0; n < 20; ++n) {
+    add("LASER", 100 * n, Scan(100 * n));
+    add("POSE", 100 * n, PoseAt(100 * n));
+    add("OTHER", 100 * n, std::vector<uint8_t>(9));
+  }
+  config::Config of_all, of_types;
+  ASSERT_TRUE(ChooseChannels(all, of_all).ok());
+  ASSERT_TRUE(ChooseChannels(types, of_types).ok());
+  EXPECT_EQ(of_types.ShortDebugString(), of_all.ShortDebugString());
+  EXPECT_TRUE(types.ScansOf("LASER").empty()) << "what takes the time";
+  add("ODOMETRY", 2000, PoseAt(2000));
+  of_all.Clear();
+  of_types.Clear();
+  EXPECT_EQ(ChooseChannels(types, of_types).message(), ChooseChannels(all, of_all).message());
+}
+
 TEST(SurveyTest, StampsThatAreNoMicrosecondsAreNamed) {
   struct Case {
     int64_t unit_us;  // of one count of the stamps

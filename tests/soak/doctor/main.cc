@@ -96,7 +96,7 @@ std::shared_ptr<const MapView> MapWith(const std::string& log, const config::Con
 absl::StatusOr<Survey> SurveyOf(const std::string& log) {
   std::string damage;
   return SurveyLog(
-      log, [](double) {}, damage);
+      log, SurveyDepth::kAll, [](double) {}, damage);
 }
 
 std::vector<std::string> ChannelsOf(const Survey& survey, bool (*is_kind)(MessageType)) {
