@@ -64,13 +64,9 @@ absl::Status CheckMapOutput(const Output& output, const std::vector<std::string>
 absl::Status SaveAs(const LayerSet& set, const std::string& path) {
   const std::string part = TemporaryPathFor(path);
   const absl::Cleanup remove_part = [&] { MapFile::Remove(part); };
-  {
-    SPLINEMAP_ASSIGN_OR_RETURN(MapFile file, MapFile::Open(part));
-    SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<std::string> left_out, file.Save(set));
-    if (!left_out.empty()) {
-      return InvalidArgument("{} is not written, it would lack {}", path, left_out.front());
-    }
-    SPLINEMAP_RETURN_IF_ERROR(file.Close());
+  SPLINEMAP_ASSIGN_OR_RETURN(const std::vector<std::string> left_out, MapFile::WriteNew(part, set));
+  if (!left_out.empty()) {
+    return InvalidArgument("{} is not written, it would lack {}", path, left_out.front());
   }
   return MapFile::Rename(part, path);
 }

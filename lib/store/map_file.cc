@@ -239,6 +239,24 @@ absl::StatusOr<MapFile> MapFile::Open(const std::string& path, std::shared_ptr<T
   return OpenDatabase(path, std::move(lock), std::move(memory));
 }
 
+absl::StatusOr<std::vector<std::string>> MapFile::WriteNew(const std::string& path,
+                                                           const LayerSet& set) {
+  SPLINEMAP_RETURN_IF_ERROR(CheckMapOptions(set.options));
+  SPLINEMAP_ASSIGN_OR_RETURN(std::unique_ptr<Lock> lock, Lock::Take(path));
+  MapFile file(path, std::move(lock), nullptr);
+  return WithStatus(path, [&]() -> absl::StatusOr<std::vector<std::string>> {
+    file.database_ = Connect(path, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE);
+    if (!IsUnused(*file.database_)) return FailedPrecondition("{} is no new file", path);
+    // A journal would write everything twice, to undo what is not left after a failure anyway.
+    file.database_->exec("PRAGMA journal_mode = OFF");
+    file.database_->exec("PRAGMA synchronous = FULL");
+    MakeSchema(*file.database_);
+    std::vector<std::string> problems = file.Write(set).problems;
+    SPLINEMAP_RETURN_IF_ERROR(file.Close());
+    return problems;
+  });
+}
+
 absl::Status MapFile::CheckNotInUse(const std::string& path) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) return absl::OkStatus();

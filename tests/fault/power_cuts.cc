@@ -88,9 +88,7 @@ bool Save(MapFile& file, const LayerSet& set, Saves& saves) {
 bool SaveAs(const std::string& path, const LayerSet& set, Saves& saves) {
   return saves.Try(set, [&] {
     const std::string part = TemporaryPathFor(path);
-    auto file = MapFile::Open(part);
-    const bool is_made =
-        file.ok() && file->Save(set).ok() && file->Close().ok() && MapFile::Rename(part, path).ok();
+    const bool is_made = MapFile::WriteNew(part, set).ok() && MapFile::Rename(part, path).ok();
     MapFile::Remove(part);
     return is_made;
   });

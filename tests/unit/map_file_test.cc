@@ -70,6 +70,36 @@ TEST_F(MapFileTest, IsOneFileWhenClosed) {
   EXPECT_EQ(std::distance(begin, {}), 1);
 }
 
+TEST_F(MapFileTest, ANewFileHasTheMapAndStandsAlone) {
+  std::mt19937_64 random(1);
+  Layer& layer = map_.AddLayer({"robot", 1}, {1, 1});
+  layer.BeginCommit();
+  for (int k = 0; k < 50; ++k)
+    layer.EditTile(RandomKey(random, 100000)) = RandomTile(random, map_.options().limits);
+  const auto problems = MapFile::WriteNew(path_, map_.Layers());
+  ASSERT_TRUE(problems.ok()) << problems.status();
+  EXPECT_TRUE(problems->empty());
+  const std::filesystem::directory_iterator begin(directory_.path());
+  EXPECT_EQ(std::distance(begin, {}), 1);
+  const auto loaded = ReadMapFile(path_);
+  ASSERT_TRUE(loaded.ok()) << loaded.status();
+  EXPECT_TRUE(loaded->corruption.empty());
+  ExpectEqual(loaded->set, map_.Layers());
+  // It is a file like others: saves go on in it.
+  auto file = MapFile::Open(path_);
+  ASSERT_TRUE(file->Load().ok());
+  Commit(layer, 3);
+  ASSERT_TRUE(file->Save(map_.Layers()).ok());
+  ExpectEqual(ReadMapFile(path_)->set, map_.Layers());
+}
+
+TEST_F(MapFileTest, AFileThatHasAMapIsNoNewFileAndStays) {
+  map_.AddLayer({"robot", 1}, {1, 1});
+  ASSERT_TRUE(MapFile::WriteNew(path_, map_.Layers()).ok());
+  EXPECT_TRUE(absl::IsFailedPrecondition(MapFile::WriteNew(path_, {}).status()));
+  ExpectEqual(ReadMapFile(path_)->set, map_.Layers());
+}
+
 TEST_F(MapFileTest, SavesOfChangesAddUpToTheMap) {
   std::mt19937_64 random(2);
   Layer& layer = map_.AddLayer({"robot", 1}, {1, 1});
