@@ -19,12 +19,14 @@ absl::StatusOr<GzFile> GzFile::Open(const std::string& path) {
 }
 
 size_t GzFile::Read(uint8_t* data, size_t size) {
-  // In small steps, since zlib keeps nothing of the step in which it meets damage.
+  // Of gzip data in small steps, since zlib keeps nothing of the step in which it meets damage.
   constexpr size_t kStep = 1 << 12;
+  constexpr size_t kPlainStep = 1 << 20;  // without a way by zlib's buffer
+  const size_t step = gzdirect(file_.get()) == 1 ? kPlainStep : kStep;
   size_t done = 0;
   while (done < size) {
     const int count =
-        gzread(file_.get(), data + done, static_cast<unsigned>(std::min(kStep, size - done)));
+        gzread(file_.get(), data + done, static_cast<unsigned>(std::min(step, size - done)));
     if (count <= 0) break;
     done += static_cast<size_t>(count);
   }
