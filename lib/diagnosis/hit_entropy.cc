@@ -1,11 +1,10 @@
 #include "lib/diagnosis/hit_entropy.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <vector>
-
-#include "absl/container/flat_hash_map.h"
 
 namespace splinemap {
 namespace {
@@ -18,27 +17,55 @@ constexpr double kCos = 0.8910065241883679;
 uint64_t CellOf(double coordinate_m) {
   constexpr double kCell_m = 0.05;
   constexpr double kMost = 1 << 30;
-  const double cell = std::clamp(std::floor(coordinate_m / kCell_m + 0.5), -kMost, kMost);
-  return static_cast<uint32_t>(static_cast<int32_t>(cell));
+  const double place = std::clamp(coordinate_m / kCell_m + 0.5, -kMost, kMost);
+  const auto cell = static_cast<int32_t>(place);  // rounds to zero, and has to round down
+  return static_cast<uint32_t>(cell - (static_cast<double>(cell) > place ? 1 : 0));
 }
+
+// Hits of each cell. Made for one count of a few thousand, of which searches make hundreds.
+class CellCounts {
+ public:
+  explicit CellCounts(size_t max_cells)
+      : cells_(std::bit_ceil(max_cells + max_cells / 4 + 1)),
+        shift_(64 - std::countr_zero(cells_.size())) {}
+
+  // How many the cell has with this one.
+  uint32_t Add(uint64_t cell) {
+    constexpr uint64_t kSpread = 0x9e3779b97f4a7c15;  // 2^64 over the golden ratio
+    size_t place = cell * kSpread >> shift_;
+    while (cells_[place].hits != 0 && cells_[place].cell != cell) {
+      place = (place + 1) & (cells_.size() - 1);
+    }
+    cells_[place].cell = cell;
+    return ++cells_[place].hits;
+  }
+
+ private:
+  struct Cell {
+    uint64_t cell = 0;
+    uint32_t hits = 0;
+  };
+  std::vector<Cell> cells_;
+  int shift_;
+};
 
 }  // namespace
 
 double HitEntropy(absl::Span<const Eigen::Vector2d> hits_world_m) {
   if (hits_world_m.empty()) return 0;
-  absl::flat_hash_map<uint64_t, uint32_t> hits_in;
-  hits_in.reserve(hits_world_m.size() / 4);
-  uint32_t most = 0;
+  CellCounts counts(hits_world_m.size());
+  std::vector<size_t> cells_with(1);  // by the number of their hits
   for (const Eigen::Vector2d& hit : hits_world_m) {
     const double x_m = kCos * hit.x() - kSin * hit.y();
     const double y_m = kSin * hit.x() + kCos * hit.y();
-    most = std::max(most, ++hits_in[CellOf(x_m) << 32 | CellOf(y_m)]);
+    const uint32_t hits = counts.Add(CellOf(x_m) << 32 | CellOf(y_m));
+    if (hits == cells_with.size()) cells_with.push_back(0);
+    ++cells_with[hits];
+    if (hits > 1) --cells_with[hits - 1];
   }
   // Summed in the order of counts, so that the order of cells does not show.
-  std::vector<size_t> cells_with(size_t{most} + 1);
-  for (const auto& [cell, hits] : hits_in) ++cells_with[hits];
   double entropy = 0;
-  for (size_t hits = 1; hits <= most; ++hits) {
+  for (size_t hits = 1; hits < cells_with.size(); ++hits) {
     if (cells_with[hits] == 0) continue;
     const double share = static_cast<double>(hits) / static_cast<double>(hits_world_m.size());
     entropy -= static_cast<double>(cells_with[hits]) * share * std::log(share);

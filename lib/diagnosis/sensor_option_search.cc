@@ -28,13 +28,15 @@ bool HasBeamTimes(const RecordingSample& sample) {
 }
 
 // Appends the hits of a scan. Poses between those of the first and the last beam are interpolated
-// between these two, which is near enough to compare flags.
-void PlaceHits(const Scan& scan, const PoseBuffer& poses, std::vector<Eigen::Vector2d>& hits) {
+// between these two, which is near enough to compare flags. `placed` is memory to work in.
+void PlaceHits(Scan scan, const PoseBuffer& poses, std::vector<PlacedBeam>& placed,
+               std::vector<Eigen::Vector2d>& hits) {
   const Utime first = scan.utime + scan.first_beam;
   const Utime last = scan.utime + scan.last_beam;
   const auto at_first = poses.Find(first);
-  const auto at_last = poses.Find(last);
-  if (!at_first || !at_last || poses.IsInJump(first) || poses.IsInJump(last)) return;
+  const auto at_last = first == last ? at_first : poses.Find(last);
+  if (!at_first || !at_last || poses.IsInJump(first)) return;
+  if (first != last && poses.IsInJump(last)) return;
   const Eigen::Vector3d up_robot = InterpolateUp(*at_first, first);
   if (IsTiltedTooMuch(up_robot)) return;
   const Pose2 from = Interpolate(*at_first, first) * scan.robot_T_sensor;
@@ -52,10 +54,8 @@ void PlaceHits(const Scan& scan, const PoseBuffer& poses, std::vector<Eigen::Vec
                                 from.yaw_rad + passed * turned_rad});
     }
   }
-  std::vector<Beam> beams = scan.beams;
-  Level(scan.robot_T_sensor.yaw_rad, up_robot, absl::MakeSpan(beams));
-  std::vector<PlacedBeam> placed;
-  Place(beams, world_T_sensor, placed);
+  Level(scan.robot_T_sensor.yaw_rad, up_robot, absl::MakeSpan(scan.beams));
+  Place(scan.beams, world_T_sensor, placed);
   for (const PlacedBeam& beam : placed) {
     if (beam.hit) hits.push_back(beam.origin_world_m + beam.range_m * beam.direction_world);
   }
@@ -322,9 +322,10 @@ void SetMount(const Pose2& robot_T_sensor, config::Scan& scan) {
 SampleSpread SpreadOf(const RecordingSample& sample, const SensorOptions& options) {
   std::vector<Eigen::Vector2d> hits;
   hits.reserve(sample.scans.size() * (sample.scans.empty() ? 0 : sample.scans[0].ranges_m.size()));
+  std::vector<PlacedBeam> placed;
   for (const RangeReadings& readings : sample.scans) {
-    if (const auto scan = PrepareScan(readings, options, 0); scan.ok()) {
-      PlaceHits(*scan, sample.poses, hits);
+    if (auto scan = PrepareScan(readings, options, 0); scan.ok()) {
+      PlaceHits(*std::move(scan), sample.poses, placed, hits);
     }
   }
   return {hits.size(), HitEntropy(hits)};
