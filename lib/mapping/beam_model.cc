@@ -20,10 +20,12 @@ BeamModel::BeamModel(const BeamModelOptions& options, double knot_interval_m,
       weights_(MakeTable(1 << PointSample::kWeightBits)),
       hit_weights_(MakeTable(options.kappa_hit * ScanScratch::kUnitsPerLogOdds)),
       free_weights_(MakeTable(options.kappa_free * ScanScratch::kUnitsPerLogOdds)),
-      paper_lines_(
-          options.kappa_free * ScanScratch::kUnitsPerLogOdds / options.free_sample_spacing_knots,
-          Footprint::kNormalizedBasis),
-      faces_(knots_per_m_, kernel) {}
+      faces_(knots_per_m_, kernel) {
+  if (update_ != BeamUpdate::kPaperLine) return;
+  paper_lines_.emplace(
+      options.kappa_free * ScanScratch::kUnitsPerLogOdds / options.free_sample_spacing_knots,
+      Footprint::kNormalizedBasis);
+}
 
 BeamModel::WeightTable BeamModel::MakeTable(double scale) {
   WeightTable table;
@@ -67,7 +69,7 @@ void BeamModel::AddPaperUpdates(absl::Span<const PlacedBeam> beams, ScanScratch&
     // makes a density that ends one spacing before it.
     scratch.AddFreeLines(
         beams, {.knots_per_m = knots_per_m_, .end_before_hit_knots = free_sample_spacing_knots_},
-        paper_lines_);
+        *paper_lines_);
   }
   scratch.AddSamples(samples_);
 }

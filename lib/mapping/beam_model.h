@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "absl/types/span.h"
@@ -43,7 +44,7 @@ class BeamModel {
   WeightTable weights_;       // NormalizedBasis, fixed point with PointSample::kWeightBits
   WeightTable hit_weights_;   // the same times kappa_hit, in units of the scratch
   WeightTable free_weights_;  // and times kappa_free
-  FreeLineTable<int32_t> paper_lines_;
+  std::optional<FreeLineTable<int32_t>> paper_lines_;  // of kPaperLine alone
 
   FaceFinder faces_;
 

@@ -91,13 +91,15 @@ using UnitRows = std::array<std::array<double, FaceLineTable::kWidth>, kPhases>;
 
 const std::vector<UnitRows>& UnitFaceTable() {
   static const std::vector<UnitRows> table = [] {
+    const Shares shares = MakeShares(&LinearBasis);
     std::vector<UnitRows> rows;
-    int n = -kSlopesPerOne;
-    for (const UnitPairs& pairs : MakeUnitTable(&LinearBasis)) {
-      const int first = FaceLineTable::kFirstColumn - FirstColumn(n++ < 0);
+    for (int n = -kSlopesPerOne; n <= kSlopesPerOne; ++n) {
+      const int first = FaceLineTable::kFirstColumn - FirstColumn(n < 0);
       UnitRows& of_slope = rows.emplace_back();
       for (int phase = 0; phase < kPhases; ++phase) {
-        std::copy_n(&pairs[phase][0][first], FaceLineTable::kWidth, of_slope[phase].begin());
+        const double x = static_cast<double>(phase) / kPhases - FirstColumn(n < 0);
+        const Row row = Integrate(shares, static_cast<double>(n) / kSlopesPerOne, x);
+        std::copy_n(&row[first], FaceLineTable::kWidth, of_slope[phase].begin());
       }
     }
     return rows;

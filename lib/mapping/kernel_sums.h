@@ -2,6 +2,8 @@
 
 // Lines, faces and samples added to sums. A part of scan_kernel_impl.h.
 
+#include <type_traits>
+
 #include "lib/mapping/kernel_lanes.h"
 
 namespace splinemap::SPLINEMAP_KERNEL {
@@ -18,20 +20,30 @@ namespace {
   return static_cast<int32_t>(way / per_row + 2) & ~1;
 }
 
-// Of up to eight rows of a line within a block, whether its marks leave them out. Their pairs begin
-// in columns from x on, and up to `further` further.
-[[gnu::always_inline]] inline bool AreLeftOut(const SettledCells& settled, int32_t row, uint32_t x,
-                                              uint32_t further) {
-  constexpr int kCellShift = FreeLine::kFractionBits + SettledCells::kShift;
-  constexpr uint32_t kLastColumn = (FreeLineTable<uint16_t>::kWidth - 1) << FreeLine::kFractionBits;
-  const uint32_t first = x >> kCellShift;
-  const uint32_t more = ((x + further + kLastColumn) >> kCellShift) - first;
-  return (settled.runs[more - 1][row >> SettledCells::kShift] >> first & 1) != 0;
-}
-// Of others nothing is known.
-[[gnu::always_inline]] inline bool AreLeftOut(const NoMarks&, int32_t, uint32_t, uint32_t) {
-  return false;
-}
+// What is left out of a block of free lines.
+class LeftOut {
+ public:
+  // Of up to eight rows, whose pairs begin within `way` columns, at most 6.
+  LeftOut(const SettledCells& settled, uint32_t way)
+      : runs_(settled.runs[(way + kSpareColumns) >> kCellShift]) {}
+  // From a row on, where the leftmost pair begins in column x.
+  [[gnu::always_inline]] bool Has(int32_t row, uint32_t x) const {
+    return (runs_[row >> SettledCells::kShift] >> (x >> kCellShift) & 1) != 0;
+  }
+
+ private:
+  static constexpr int kCellShift = FreeLine::kFractionBits + SettledCells::kShift;
+  // They begin anywhere in a cell, and have eight columns: one less than three cells.
+  static constexpr uint32_t kSpareColumns = 3u << FreeLine::kFractionBits;
+
+  const uint64_t* runs_;
+};
+// Nothing is, of other lines.
+class NothingLeftOut {
+ public:
+  NothingLeftOut(const NoMarks&, uint32_t) {}
+  [[gnu::always_inline]] bool Has(int32_t, uint32_t) const { return false; }
+};
 
 // The part of a line that lies in a block.
 struct LinePart {
@@ -44,6 +56,7 @@ template <typename Sum>
 void AddLine(const FreeLine& line, const Sum* table, SumPlane<Sum>& plane) {
   using Table = FreeLineTable<Sum>;
   using Block = SumBlock<Sum>;
+  using Left = std::conditional_t<sizeof(Sum) == sizeof(uint16_t), LeftOut, NothingLeftOut>;
   constexpr int32_t kRowsAtOnce = 8;
   constexpr int kTileShift = FreeLine::kFractionBits + 5;
   constexpr int kWidthShift = kTileShift + Block::kAcrossBits;
@@ -62,6 +75,7 @@ void AddLine(const FreeLine& line, const Sum* table, SumPlane<Sum>& plane) {
     LinePart part{static_cast<uint32_t>(column) & (kWidth - 1), row & (kBlockRows - 1), 0};
     const int32_t most = left < kBlockRows - part.row ? left : kBlockRows - part.row;
     part.rows = RowsInBlock(part.x, kWidth, most, line.columns_per_row);
+    const Left left_out(block->marks, is_leftwards ? -3 * columns_per_pair : 3 * columns_per_pair);
     column += int64_t{line.columns_per_row} * part.rows;
     row += part.rows;
     left -= part.rows;
@@ -69,8 +83,7 @@ void AddLine(const FreeLine& line, const Sum* table, SumPlane<Sum>& plane) {
     const auto is_left_out = [&](int32_t after, int32_t rows) {
       const uint32_t x = part.x + static_cast<uint32_t>(after) * columns_per_row;
       const uint32_t way = static_cast<uint32_t>((rows - 1) / 2) * columns_per_pair;
-      return AreLeftOut(block->marks, part.row + after, is_leftwards ? x + way : x,
-                        is_leftwards ? -way : way);
+      return left_out.Has(part.row + after, is_leftwards ? x + way : x);
     };
     const auto add = [&](int32_t rows) {
       uint32_t x = part.x;

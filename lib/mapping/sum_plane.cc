@@ -11,10 +11,9 @@ void SettledCells::Set(const uint64_t (&cells)[kRows]) {
   for (int row = 0; row < kRows; ++row) {
     const uint64_t one = rows[row] & rows[row + 1] & rows[row + 2];
     const uint64_t two = one & one >> 1;
-    runs[0][row] = two;
-    runs[1][row] = two & one >> 2;
-    runs[2][row] = two & two >> 2;
-    runs[3][row] = two & two >> 2 & one >> 4;
+    runs[0][row] = two & one >> 2;
+    runs[1][row] = two & two >> 2;
+    runs[2][row] = two & two >> 2 & one >> 4;
   }
 }
 

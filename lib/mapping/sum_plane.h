@@ -22,11 +22,10 @@ struct FaceSum {
 struct SettledCells {
   static constexpr int kShift = 2;
   static constexpr int kRows = 32;
-  // Lines ask for eight rows at once, which lie in up to three rows of cells, and in up to five
-  // cells of each. Bit c of runs[n][row]: cells c to c + n + 1 of that row and the next two are
-  // left out.
-  static constexpr int kMost = 4;
-  uint64_t runs[kMost][kRows] = {};
+  // Lines ask for eight rows at once, which lie in up to three rows of cells, and in three to five
+  // cells of each. Bit c of runs[n][row]: the n + 3 cells from c on, of that row and the next two.
+  static constexpr int kRuns = 3;
+  uint64_t runs[kRuns][kRows] = {};
 
   // Bit c of `cells`: of the cells of a row, whether cell c is left out.
   void Set(const uint64_t (&cells)[kRows]);
