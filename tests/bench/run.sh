@@ -69,4 +69,5 @@ deploy/own_bus.sh "$programs/correcting/correcting" "${quick[@]}" > "$out/correc
   printf '\n## Correcting a map\n\n'
   grep -v '\[info\]\|\[warning\]' "$out/correcting.txt" | sed 's/^/    /'
 } > build/bench/report.md
+sed -n '/^## Machine/,/^## Scan/{/^## Scan/!p}' build/bench/report.md
 echo "build/bench/report.md"

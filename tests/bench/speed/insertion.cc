@@ -6,7 +6,9 @@
 namespace splinemap::bench {
 
 std::vector<SplineVariant> SplineVariants() {
-  return {{"splinemap", {}}, {"splinemap_samples", {.update = BeamUpdate::kPaperSamples}}};
+  return {{"splinemap", {}},
+          {"splinemap_plain", {}, ScanKernels().front()},
+          {"splinemap_samples", {.update = BeamUpdate::kPaperSamples}}};
 }
 
 void SplineMapper::Clear() {
@@ -23,8 +25,8 @@ void SplineMapper::Insert(const RecordedScan& scan) {
 void RegisterInsertion(const Workload& workload) {
   for (const SplineVariant& variant : SplineVariants()) {
     const std::string name = "insertion/" + workload.name + "/" + variant.name;
-    const auto make = [options = variant.options] {
-      return std::make_unique<SplineMapper>(options);
+    const auto make = [variant] {
+      return std::make_unique<SplineMapper>(variant.options, variant.kernel);
     };
     benchmark::RegisterBenchmark(name.c_str(), [&workload, make](benchmark::State& state) {
       TimeInsertion(state, workload, make, [&workload](SplineMapper& mapper, size_t n) {

@@ -18,13 +18,16 @@ namespace splinemap::bench {
 struct SplineVariant {
   const char* name;
   BeamModelOptions options;
+  const ScanKernel& kernel = FastestScanKernel();
 };
 std::vector<SplineVariant> SplineVariants();
 
 // From placed beams on this is the way of a scan through the daemon.
 class SplineMapper {
  public:
-  explicit SplineMapper(const BeamModelOptions& options) : model_(options, kResolution_m) {
+  explicit SplineMapper(const BeamModelOptions& options,
+                        const ScanKernel& kernel = FastestScanKernel())
+      : model_(options, kResolution_m, kernel), scratch_(kernel) {
     Clear();
   }
 

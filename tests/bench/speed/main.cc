@@ -8,6 +8,7 @@
 #include <string_view>
 #include <vector>
 
+#include "lib/mapping/scan_kernel.h"
 #include "tests/bench/speed/benchmarks.h"
 
 namespace splinemap::bench {
@@ -61,6 +62,7 @@ int Main(int argc, char** argv) {
     std::fputs(kUsage, stderr);
     return 2;
   }
+  benchmark::AddCustomContext("instructions", FastestScanKernel().name);
   if (quick) benchmark::AddCustomContext("quick", "yes");
   benchmark::RunSpecifiedBenchmarks();
   return 0;

@@ -1,6 +1,8 @@
 // Value and gradient at points of a map that is far larger than the caches.
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <memory>
@@ -8,6 +10,7 @@
 #include <random>
 #include <vector>
 
+#include "absl/container/flat_hash_map.h"
 #include "absl/types/span.h"
 #include "splinemap/map_view.h"
 #include "tests/bench/speed/benchmarks.h"
@@ -27,7 +30,8 @@ class QueryMap {
   explicit QueryMap(size_t num_tiles) : square_(num_tiles), map_({kResolution_m, {}}) {
     square_.CommitTo(map_.AddLayer({"bench", 1}, {1, 1}));
     view_ = map_.View();
-    view_->tiles.ForEach([&](TileKey, const TileTree::Entry& entry) {
+    view_->tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+      numbers_[key] = static_cast<uint32_t>(tiles_.size());
       held_.push_back(entry.tile->Get());
       tiles_.push_back(held_.back().get());
     });
@@ -38,6 +42,7 @@ class QueryMap {
   double half_width_m() const { return (square_.half() - 1) * Tile::kSide * kResolution_m; }
 
   const std::vector<const Tile*>& tiles() const { return tiles_; }
+  uint32_t NumberOf(TileKey key) const { return numbers_.at(key); }
 
  private:
   TileSquare square_;
@@ -45,6 +50,7 @@ class QueryMap {
   std::shared_ptr<const MapView> view_;
   std::vector<std::shared_ptr<const Tile>> held_;
   std::vector<const Tile*> tiles_;  // the same
+  absl::flat_hash_map<TileKey, uint32_t> numbers_;
 };
 
 Points RandomPoints(double half_width_m) {
@@ -76,22 +82,32 @@ Points PathPoints(double half_width_m) {
   return points;
 }
 
-// Where the four rows begin that a random point needs, all in one tile.
-struct RowsPlace {
+// Four control points beside each other in a tile.
+struct Four {
   uint32_t tile = 0;  // in QueryMap::tiles()
   uint32_t index = 0;
 };
+// What a batch of points needs: four rows for each, and as many more where they go on in the next
+// tile.
+using Fours = std::vector<Four>;
 
-std::vector<RowsPlace> RandomPlaces(size_t num_tiles) {
-  std::mt19937_64 random(1);
-  std::vector<RowsPlace> places;
-  while (places.size() < kNumPoints) {
-    const auto tile = static_cast<uint32_t>(random() % num_tiles);
-    const auto i = static_cast<int32_t>(random() % (Tile::kSide - 3));
-    const auto j = static_cast<int32_t>(random() % (Tile::kSide - 3));
-    places.push_back({tile, static_cast<uint32_t>(IndexInTile(i, j))});
+std::vector<Fours> FoursOf(const Points& points, const QueryMap& map) {
+  std::vector<Fours> batches(points.size() / kBatch);
+  for (size_t n = 0; n < batches.size() * kBatch; ++n) {
+    const int32_t i = LocateKnot(points[n].x(), kResolution_m)->index - 1;
+    const int32_t j = LocateKnot(points[n].y(), kResolution_m)->index - 1;
+    for (int row = 0; row < 4; ++row) {
+      const TileKey key = TileOf(i, j + row);
+      const TileKey last = TileOf(i + 3, j + row);
+      const auto add = [&](TileKey of, int column) {
+        batches[n / kBatch].push_back(
+            {map.NumberOf(of), static_cast<uint32_t>(IndexInTile(column, j + row))});
+      };
+      add(key, std::min(i & (Tile::kSide - 1), Tile::kSide - 4));
+      if (last != key) add(last, 0);
+    }
   }
-  return places;
+  return batches;
 }
 
 // Times `query` of one batch of `all` after the other.
@@ -126,36 +142,24 @@ void EvaluateBatch(const MapView& view, absl::Span<const Eigen::Vector2d> points
   benchmark::ClobberMemory();
 }
 
-uint64_t LoadRows(const Tile& tile, uint32_t index) {
-  uint64_t sum = 0;
-  for (int row = 0; row < 4; ++row) {
-    uint64_t four_control_points;
-    std::memcpy(&four_control_points, &tile.control_points[index + row * Tile::kSide],
-                sizeof(four_control_points));
-    sum += four_control_points;
-  }
-  return sum;
-}
-
 // The limit: tiles through a flat array of pointers, and nothing computed.
-void LoadOneByOne(const std::vector<const Tile*>& tiles, absl::Span<const RowsPlace> places) {
-  for (const RowsPlace& place : places) {
-    uint64_t sum = LoadRows(*tiles[place.tile], place.index);
-    benchmark::DoNotOptimize(sum);
+void Load(const std::vector<const Tile*>& tiles, const Fours& batch) {
+  uint64_t sum = 0;
+  for (const Four& place : batch) {
+    uint64_t four;
+    std::memcpy(&four, &tiles[place.tile]->control_points[place.index], sizeof(four));
+    sum += four;
   }
+  benchmark::DoNotOptimize(sum);
 }
 
-void LoadPrefetched(const std::vector<const Tile*>& tiles, absl::Span<const RowsPlace> places) {
-  constexpr size_t kAhead = 8;
-  for (size_t n = 0; n < places.size(); ++n) {
-    if (n + kAhead < places.size()) {
-      const RowsPlace& next = places[n + kAhead];
-      const ControlPoint* row = &tiles[next.tile]->control_points[next.index];
-      for (int k = 0; k < 4; ++k) __builtin_prefetch(row + k * Tile::kSide);
-    }
-    uint64_t sum = LoadRows(*tiles[places[n].tile], places[n].index);
-    benchmark::DoNotOptimize(sum);
+void TimeLoads(benchmark::State& state, const QueryMap& map, const std::vector<Fours>& batches) {
+  size_t n = 0;
+  for (auto _ : state) {
+    Load(map.tiles(), batches[n]);
+    n = (n + 1) % batches.size();
   }
+  state.SetItemsProcessed(state.iterations() * static_cast<int64_t>(kBatch));
 }
 
 }  // namespace
@@ -164,8 +168,7 @@ void RegisterQueries(size_t num_tiles) {
   const auto map = std::make_shared<const QueryMap>(num_tiles);
   const auto random = std::make_shared<const Points>(RandomPoints(map->half_width_m()));
   const auto path = std::make_shared<const Points>(PathPoints(map->half_width_m()));
-  const auto places =
-      std::make_shared<const std::vector<RowsPlace>>(RandomPlaces(map->tiles().size()));
+  const auto fours = std::make_shared<const std::vector<Fours>>(FoursOf(*random, *map));
 
   const auto add = [](const std::string& name, auto all, auto query) {
     benchmark::RegisterBenchmark(
@@ -184,10 +187,9 @@ void RegisterQueries(size_t num_tiles) {
   const auto reader = std::make_shared<PathReader>(map->shared_view());
   add("queries/path/reader", path,
       [reader](absl::Span<const Eigen::Vector2d> points) { EvaluateByReader(*reader, points); });
-  add("queries/random/limit_of_single", places,
-      [map](absl::Span<const RowsPlace> batch) { LoadOneByOne(map->tiles(), batch); });
-  add("queries/random/limit_of_batched", places,
-      [map](absl::Span<const RowsPlace> batch) { LoadPrefetched(map->tiles(), batch); });
+  benchmark::RegisterBenchmark("queries/random/limit", [map, fours](benchmark::State& state) {
+    TimeLoads(state, *map, *fours);
+  });
 }
 
 }  // namespace splinemap::bench
