@@ -73,7 +73,7 @@ void LocalMap::Use(std::shared_ptr<const MapView> map) { impl_->Use(std::move(ma
 
 std::shared_ptr<const MapView> LocalMap::View() const { return impl_->View(); }
 
-std::shared_ptr<LocalMap> LocalMap::Keep() const {
+std::shared_ptr<const LocalMap> LocalMap::Keep() const {
   auto kept = std::make_shared<LocalMap>(View());
   impl_->ShareBounds(*kept->impl_);
   return kept;

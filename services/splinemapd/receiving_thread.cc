@@ -34,19 +34,20 @@ void ReceivingThread::Start(RequestServer& requests) {
 
 void ReceivingThread::Run(const std::stop_token& stop, RequestServer& requests) {
   const std::stop_callback wake(stop, [this] { bus_.Wake(); });
-  while (!stop.stop_requested()) requests.Serve(ReceiveTask(stop, requests));
+  while (!stop.stop_requested()) {
+    ReceiveUntilRequest(stop, requests);
+    requests.Serve();
+  }
 }
 
-std::optional<RequestServer::Task> ReceivingThread::ReceiveTask(const std::stop_token& stop,
-                                                                RequestServer& requests) {
+void ReceivingThread::ReceiveUntilRequest(const std::stop_token& stop,
+                                          const RequestServer& requests) {
   MutexLock lock(turn_);
-  while (!stop.stop_requested()) {
-    if (auto task = requests.TakeTask()) return task;
+  while (!stop.stop_requested() && !requests.NeedsServer()) {
     bus_.Handle(kLongest);
     steps_.Add();
     ReportNews();
   }
-  return std::nullopt;
 }
 
 void ReceivingThread::ReportNews() {

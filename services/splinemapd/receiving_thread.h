@@ -5,7 +5,6 @@
 #include <cstdint>
 #include <functional>
 #include <map>
-#include <optional>
 #include <string>
 #include <thread>
 
@@ -18,8 +17,8 @@
 
 namespace splinemap {
 
-// Hands the messages of the bus to those who subscribed, and reports when the bus goes away. Its
-// threads take turns: the one that receives a request serves it, and another receives on. So
+// Hands the messages of the bus to those who subscribed, and reports when the bus goes away. Two
+// threads take turns: the one that receives a request serves it, and the other receives on. So
 // requests do not wait for a thread to wake, nor messages for what is served. Thread-safe after
 // Start().
 class ReceivingThread {
@@ -46,8 +45,7 @@ class ReceivingThread {
 
  private:
   void Run(const std::stop_token& stop, RequestServer& requests);
-  std::optional<RequestServer::Task> ReceiveTask(const std::stop_token& stop,
-                                                 RequestServer& requests);
+  void ReceiveUntilRequest(const std::stop_token& stop, const RequestServer& requests);
   void ReportNews();
 
   LcmBus& bus_;
@@ -55,7 +53,7 @@ class ReceivingThread {
   std::map<std::string, std::atomic<int64_t>> received_;
   WorkSteps steps_;
   Mutex turn_;  // whose thread has it receives
-  std::array<std::jthread, RequestServer::kMaxServing + 1> threads_;
+  std::array<std::jthread, 2> threads_;
 };
 
 }  // namespace splinemap

@@ -38,7 +38,7 @@ RequestServer::RequestServer(std::string channel_prefix, NewestMap& newest, Send
       send_(std::move(send)),
       execute_(std::move(execute)),
       keys_(std::move(keys)),
-      newest_map_(std::make_shared<LocalMap>(newest.View())) {}
+      newest_map_(newest.View()) {}
 
 void RequestServer::Stop() {
   MutexLock lock(mutex_);
@@ -88,47 +88,51 @@ RequestServer::Counts RequestServer::counts() const {
   return counts_;
 }
 
-std::optional<RequestServer::Task> RequestServer::NextTask() {
-  if (is_stopped_ || (queue_.empty() && refusals_.empty())) return std::nullopt;
-  Task task;
-  if (!refusals_.empty()) {
-    task.refusal = std::move(refusals_.front());
-    refusals_.pop_front();
-  }
-  if (!queue_.empty()) task.request = queue_.Pop();
-  return task;
-}
-
-std::optional<RequestServer::Task> RequestServer::TakeTask() {
+bool RequestServer::NeedsServer() const {
   MutexLock lock(mutex_);
-  if (num_serving_ >= kMaxServing) return std::nullopt;
-  std::optional<Task> task = NextTask();
-  if (task && num_serving_++ == 0) waiting_.reset();
-  return task;
+  return waiting_ && IsToServe();
 }
 
-void RequestServer::Serve(std::optional<Task> task) {
-  while (task) {
-    if (task->request && IsCommand(task->request->bytes)) {
-      ExecuteCommand(*task->request);
-    } else if (task->request) {
-      AnswerQuery(*task->request);
-    }
-    if (task->refusal) {
-      const request_t& header = task->refusal->request.header;
-      Reply(header,
-            RefuseRequest(task->refusal->request.bytes, task->refusal->why, HeaderFor(header)));
-    }
+void RequestServer::Serve() {
+  {
+    MutexLock lock(mutex_);
+    if (!waiting_ || !IsToServe()) return;
+    waiting_.reset();
+  }
+  while (true) {
+    ServeNext();
     steps_.Add();
     MutexLock lock(mutex_);
-    task = NextTask();
-    if (!task && --num_serving_ == 0) waiting_.emplace(steps_);
+    if (IsToServe()) continue;
+    waiting_.emplace(steps_);
+    return;
   }
+}
+
+void RequestServer::ServeNext() {
+  std::optional<QueuedRequest> request;
+  std::optional<Refusal> refusal;
+  {
+    MutexLock lock(mutex_);
+    if (!refusals_.empty()) {
+      refusal = std::move(refusals_.front());
+      refusals_.pop_front();
+    }
+    if (!queue_.empty()) request = queue_.Pop();
+  }
+  if (request && IsCommand(request->bytes)) {
+    ExecuteCommand(*request);
+  } else if (request) {
+    AnswerQuery(*request);
+  }
+  if (!refusal) return;
+  const request_t& header = refusal->request.header;
+  Reply(header, RefuseRequest(refusal->request.bytes, refusal->why, HeaderFor(header)));
 }
 
 void RequestServer::AnswerQuery(const QueuedRequest& request) {
   std::vector<uint8_t> reply =
-      AnswerRequest(request.bytes, *MapFor(request), HeaderFor(request.header));
+      AnswerRequest(request.bytes, MapFor(request), HeaderFor(request.header));
   if (reply.empty()) {
     MutexLock lock(mutex_);
     ++counts_.malformed;
@@ -192,24 +196,19 @@ void RequestServer::ExecuteCommand(const QueuedRequest& request) {
     ReplyToCommand(header, InvalidArgument("a command must name its daemon: daemon_nonce is 0"));
     return;
   }
-  if (const absl::Status status = RememberSigned(id); !status.ok()) {
-    ReplyToCommand(header, status);
+  if (keys_ != nullptr && signed_commands_.size() >= kMaxSignedCommands) {
+    ReplyToCommand(header, absl::ResourceExhaustedError(fmt::format(
+                               "{} signed commands were executed, which is the most; start "
+                               "splinemapd again",
+                               kMaxSignedCommands)));
+    return;
+  }
+  if (keys_ != nullptr && !signed_commands_.insert(id).second) {
+    ReplyToCommand(header, FailedPrecondition("the command was executed before"));
     return;
   }
   execute_(request.bytes,
            [this, header](const absl::Status& status) { ReplyToCommand(header, status); });
-}
-
-absl::Status RequestServer::RememberSigned(const CommandId& id) {
-  if (keys_ == nullptr) return absl::OkStatus();
-  MutexLock lock(mutex_);
-  if (signed_commands_.size() >= kMaxSignedCommands) {
-    return absl::ResourceExhaustedError(
-        fmt::format("{} signed commands were executed, which is the most; start splinemapd again",
-                    kMaxSignedCommands));
-  }
-  if (signed_commands_.insert(id).second) return absl::OkStatus();
-  return FailedPrecondition("the command was executed before");
 }
 
 void RequestServer::ReplyToCommand(const request_t& header, const absl::Status& status) {
@@ -227,10 +226,9 @@ void RequestServer::ReplyToCommand(const request_t& header, const absl::Status& 
   Reply(header, bytes);
 }
 
-std::shared_ptr<const LocalMap> RequestServer::MapFor(const QueuedRequest& request) {
+const LocalMap& RequestServer::MapFor(const QueuedRequest& request) {
   const request_t& header = request.header;
   const auto now = Clock::now();
-  MutexLock lock(maps_mutex_);
   std::erase_if(pinned_, [&](const PinnedMap& pin) { return now - pin.last_used > kPinTime; });
   const auto is_for = [&](const PinnedMap& pin) {
     return header.query != 0 && pin.client == header.client && pin.query == header.query;
@@ -239,7 +237,7 @@ std::shared_ptr<const LocalMap> RequestServer::MapFor(const QueuedRequest& reque
     pin->last_used = now;
     pin->line = request.line;  // it may be known by now
     std::rotate(pin, pin + 1, pinned_.end());
-    return pinned_.back().map;
+    return pinned_.back().map ? *pinned_.back().map : newest_map_;
   }
   UseNewest();
   if (header.query == 0) return newest_map_;
@@ -249,16 +247,20 @@ std::shared_ptr<const LocalMap> RequestServer::MapFor(const QueuedRequest& reque
   } else if (pinned_.size() >= kMaxPinned) {
     pinned_.pop_front();
   }
-  pinned_.push_back({request.line, header.client, header.query, now, newest_map_});
+  pinned_.push_back({request.line, header.client, header.query, now, nullptr});
   return newest_map_;
 }
 
 void RequestServer::UseNewest() {
   auto map = newest_.View();
-  if (map == newest_map_->View()) return;
-  // Others that were given it, and pins, go on with it as it is.
-  if (newest_map_.use_count() > 1) newest_map_ = newest_map_->Keep();
-  newest_map_->Use(std::move(map));
+  if (map == newest_map_.View()) return;
+  std::shared_ptr<const LocalMap> kept;
+  for (PinnedMap& pin : pinned_) {
+    if (pin.map) continue;
+    if (!kept) kept = newest_map_.Keep();
+    pin.map = kept;
+  }
+  newest_map_.Use(std::move(map));
 }
 
 reply_t RequestServer::HeaderFor(const request_t& request) const {

@@ -24,7 +24,7 @@
 
 namespace splinemap {
 
-// Replies to the requests of clients, in two threads at most: answers queries, and has commands
+// Replies to the requests of clients, in one thread at a time: answers queries, and has commands
 // executed, each once. Clients take turns. What exceeds the queue is refused with
 // RESOURCE_EXHAUSTED, once for each request that is served, else not answered. Thread-safe.
 class RequestServer {
@@ -42,22 +42,12 @@ class RequestServer {
   // The channels of requests.
   static std::vector<std::string> Channels(const std::string& channel_prefix);
 
-  // Any bytes of any of them. Does not wait; somebody has to look after TakeTask() then.
+  // Any bytes of any of them. Does not wait; somebody has to look after NeedsServer() then.
   void Handle(absl::Span<const uint8_t> message);
-
-  struct QueuedRefusal {
-    QueuedRequest request;  // its bytes as far as its type
-    absl::Status why;
-  };
-  struct Task {
-    std::optional<QueuedRequest> request;
-    std::optional<QueuedRefusal> refusal;
-  };
-  static constexpr int kMaxServing = 2;
-  // What the caller has to Serve(); nothing where nothing waits or kMaxServing threads serve.
-  std::optional<Task> TakeTask();
-  // Serves it, and what waits by then, until nothing does.
-  void Serve(std::optional<Task> task);
+  // Whether requests wait, and no thread is about to serve them.
+  bool NeedsServer() const;
+  // Serves what waits until nothing does, where NeedsServer().
+  void Serve();
 
   struct Counts {
     int64_t malformed = 0;
@@ -73,12 +63,17 @@ class RequestServer {
   void Stop();
 
  private:
+  struct Refusal {
+    QueuedRequest request;  // its bytes as far as its type
+    absl::Status why;
+  };
   // The state of the map from which the requests of one query are answered.
   struct PinnedMap {
     RequestLine line;
     int64_t client = 0;
     int64_t query = 0;
     Clock::time_point last_used;
+    // Null as long as that is what newest_map_ has.
     std::shared_ptr<const LocalMap> map;
   };
   using CommandId = std::pair<int64_t, int64_t>;  // client, id of its request
@@ -89,15 +84,18 @@ class RequestServer {
 
   void Refuse(const request_t& header, absl::Span<const uint8_t> message, absl::Status why)
       ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
-  std::optional<Task> NextTask() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_);
+  bool IsToServe() const ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex_) {
+    return !is_stopped_ && (!queue_.empty() || !refusals_.empty());
+  }
+  void ServeNext();
   void AnswerQuery(const QueuedRequest& request);
   void ExecuteCommand(const QueuedRequest& request);
-  absl::Status RememberSigned(const CommandId& id);
   absl::Status CheckSigner(absl::Span<const uint8_t> command) const;
   void RefuseSigner(const request_t& header, const absl::Status& why);
   void ReplyToCommand(const request_t& header, const absl::Status& status);
-  std::shared_ptr<const LocalMap> MapFor(const QueuedRequest& request);
-  void UseNewest() ABSL_EXCLUSIVE_LOCKS_REQUIRED(maps_mutex_);
+  // Valid until the next call.
+  const LocalMap& MapFor(const QueuedRequest& request);
+  void UseNewest();
   reply_t HeaderFor(const request_t& request) const;
   void Reply(const request_t& request, std::vector<uint8_t> reply, bool is_signed = true) const;
 
@@ -109,19 +107,18 @@ class RequestServer {
   const std::shared_ptr<const KeyRing> keys_;
   mutable Mutex mutex_;
   RequestQueue queue_ ABSL_GUARDED_BY(mutex_);
-  std::deque<QueuedRefusal> refusals_ ABSL_GUARDED_BY(mutex_);
+  std::deque<Refusal> refusals_ ABSL_GUARDED_BY(mutex_);
   Counts counts_ ABSL_GUARDED_BY(mutex_);
   std::vector<CommandId> executing_ ABSL_GUARDED_BY(mutex_);
-  std::deque<ExecutedCommand> executed_ ABSL_GUARDED_BY(mutex_);            // the last ones
-  absl::flat_hash_set<CommandId> signed_commands_ ABSL_GUARDED_BY(mutex_);  // that were executed
+  std::deque<ExecutedCommand> executed_ ABSL_GUARDED_BY(mutex_);  // the last ones
   WorkSteps steps_;
   bool is_stopped_ ABSL_GUARDED_BY(mutex_) = false;
-  int num_serving_ ABSL_GUARDED_BY(mutex_) = 0;
-  // While none serves.
+  // While no thread serves.
   std::optional<WorkSteps::Waiting> waiting_ ABSL_GUARDED_BY(mutex_){std::in_place, steps_};
-  Mutex maps_mutex_;
-  std::shared_ptr<LocalMap> newest_map_ ABSL_GUARDED_BY(maps_mutex_);
-  std::deque<PinnedMap> pinned_ ABSL_GUARDED_BY(maps_mutex_);  // the last used last
+  // Of the thread that serves.
+  absl::flat_hash_set<CommandId> signed_commands_;  // that were executed
+  LocalMap newest_map_;
+  std::deque<PinnedMap> pinned_;  // the last used last
 };
 
 }  // namespace splinemap

@@ -51,9 +51,8 @@ class RequestServerTest : public testing::Test {
         std::move(keys));
     serving_ = std::jthread([this](const std::stop_token& stop) {
       while (!stop.stop_requested()) {
-        auto task = server_->TakeTask();
-        if (!task) std::this_thread::sleep_for(std::chrono::microseconds(100));
-        server_->Serve(std::move(task));
+        if (!server_->NeedsServer()) std::this_thread::sleep_for(std::chrono::microseconds(100));
+        server_->Serve();
       }
     });
   }
@@ -226,46 +225,25 @@ TEST_F(RequestServerTest, LargeAndDamagedMessagesDoNoHarm) {
   EXPECT_GT(server_->counts().malformed, 40);
 }
 
-TEST_F(RequestServerTest, TwoThreadsServeAtATime) {
+TEST_F(RequestServerTest, OneThreadServesAtATime) {
   Start();
   Shut();
   server_->Handle(Encode(Request(1, 1)));
   while (server_->steps().count() % 2 != 0) std::this_thread::yield();  // until it is served
   server_->Handle(Encode(Request(1, 2)));
-  auto task = server_->TakeTask();
-  EXPECT_TRUE(task);
-  std::jthread second([&] { server_->Serve(std::move(task)); });
-  server_->Handle(Encode(Request(2, 3)));
-  EXPECT_FALSE(server_->TakeTask()) << "a third thread";
+  EXPECT_FALSE(server_->NeedsServer());
+  server_->Serve();  // returns, though the gate is shut
   Open();
-  EXPECT_EQ(Await(3).size(), 3u);
+  EXPECT_EQ(Header(Await(2).at(1)).id, 2);
   while (server_->steps().count() % 2 == 0) std::this_thread::yield();
-}
-
-TEST_F(RequestServerTest, AQueryUnderWayKeepsItsStateWhileAnotherThreadGoesOn) {
-  Start();
-  server_->Handle(Encode(Request(1, 1, 9)));
-  Await(1);
-  for (int64_t n = 2; n < 200; ++n) {
-    SetMap(2 + n % 2, 20 + static_cast<uint64_t>(n));
-    std::jthread second([&] { server_->Serve(server_->TakeTask()); });
-    server_->Handle(Encode(Request(1, 1000 + n, 9)));
-    server_->Handle(Encode(Request(2, n)));
-    second.join();
-    Await(1 + 2 * static_cast<size_t>(n - 1));
-  }
-  for (const Reply& reply : Await(1 + 2 * 198)) {
-    const reply_t header = Header(reply);
-    if (header.id == 1) continue;
-    EXPECT_EQ(header.revision, header.id >= 1000 ? 20 : 20 + header.id);
-  }
 }
 
 TEST_F(RequestServerTest, StoppedItServesNothing) {
   Start();
   server_->Stop();
   server_->Handle(Encode(Request(1, 1)));
-  EXPECT_FALSE(server_->TakeTask());
+  EXPECT_FALSE(server_->NeedsServer());
+  server_->Serve();
   EXPECT_EQ(Await(0).size(), 0u);
 }
 

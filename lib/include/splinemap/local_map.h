@@ -18,7 +18,7 @@ class LocalMap : public QueryableMap {
   void Use(std::shared_ptr<const MapView> map);
   std::shared_ptr<const MapView> View() const;
   // The present map for ever, with what was made for queries about it.
-  std::shared_ptr<LocalMap> Keep() const;
+  std::shared_ptr<const LocalMap> Keep() const;
 
   absl::StatusOr<AnyAnswer> AskAny(const AnyQuery& query) const override;
 
