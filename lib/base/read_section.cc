@@ -65,6 +65,7 @@ struct ReadSlots {
   std::vector<Retired> TakeUnread() ABSL_EXCLUSIVE_LOCKS_REQUIRED(mutex) {
     ReadSection::epoch_.fetch_add(1);
     BarrierInAllThreads();
+    std::atomic_thread_fence(std::memory_order_seq_cst);
     uint64_t oldest = ReadSection::epoch_;
     for (const ReadSection::Slot& slot : slots) {
       const uint64_t epoch = slot.epoch.load(std::memory_order_acquire);

@@ -13,7 +13,8 @@ class ReadSection {
  public:
   ReadSection() : slot_(SlotOfThread()) {
     if (slot_.depth++ > 0) return;
-    slot_.epoch.store(epoch_.load(std::memory_order_relaxed), std::memory_order_relaxed);
+    // Nothing is read of what is shared before the epoch is.
+    slot_.epoch.store(epoch_.load(std::memory_order_acquire), std::memory_order_release);
     // Whoever frees orders this thread's writes before its reads, where the system can do that.
     if (needs_fence_.load(std::memory_order_relaxed)) {
       std::atomic_thread_fence(std::memory_order_seq_cst);
@@ -44,7 +45,7 @@ class ReadSection {
     if (slot == nullptr) slot = &TakeSlot();
     return *slot;
   }
-  // Until the thread ends.
+  // Until the thread ends. What is destroyed with a thread begins no section.
   static Slot& TakeSlot();
 
   static inline std::atomic<uint64_t> epoch_{1};

@@ -88,7 +88,7 @@ class MapClient::Impl {
   void Rest(Lock& lock, const std::stop_token& stop);
   template <typename Condition>
   void ReceiveUntil(Lock& lock, Condition is_done);
-  void Step(Lock& lock, std::chrono::milliseconds timeout);
+  void Step(Lock& lock, std::chrono::milliseconds timeout, bool is_own_thread);
 
   void Publish(std::vector<RequestFlow::Outgoing> outgoing) const;
   // Where it is not the client's thread, `callbacks_` keeps what only that may call.
@@ -156,7 +156,7 @@ void MapClient::Impl::Run(const std::stop_token& stop) {
     if (num_waiting_ > 0) Rest(lock, stop);
     if (!flow_.daemon() || flow_.num_pending() > 0) last_pending = Clock::now();
     is_idle_ = Clock::now() - last_pending > kIdle;
-    Step(lock, is_idle_ ? kIdle : kTick);
+    Step(lock, is_idle_ ? kIdle : kTick, true);
   }
 }
 
@@ -185,7 +185,7 @@ void MapClient::Impl::ReceiveUntil(Lock& lock, Condition is_done) {
   changed_.wait(lock, [&] { return is_done() || !is_receiving_; });
   if (!is_done()) {
     is_receiving_ = true;
-    while (!is_done()) Step(lock, kTick);
+    while (!is_done()) Step(lock, kTick, false);
     is_receiving_ = false;
   }
   --num_waiting_;
@@ -193,14 +193,14 @@ void MapClient::Impl::ReceiveUntil(Lock& lock, Condition is_done) {
   if (num_waiting_ > 0 || flow_.num_pending() > 0) changed_.notify_all();
 }
 
-void MapClient::Impl::Step(Lock& lock, std::chrono::milliseconds timeout) {
+void MapClient::Impl::Step(Lock& lock, std::chrono::milliseconds timeout, bool is_own_thread) {
   lock.unlock();
   bus_->Handle(timeout);
   lock.lock();
   flow_.Tick(Clock::now());
   if (flow_.daemon()) found_.notify_all();
   lock.unlock();
-  Deliver(std::this_thread::get_id() == running_.get_id());
+  Deliver(is_own_thread);
   lock.lock();
 }
 
@@ -233,8 +233,8 @@ void MapClient::Impl::Deliver(bool is_own_thread) {
     MutexLock lock(mutex_);
     outgoing = flow_.DrainOutgoing();
     finished = flow_.DrainFinished();
-    const auto callbacks = std::partition(finished.begin(), finished.end(),
-                                          [](const auto& f) { return f.request->is_waited_for(); });
+    const auto callbacks = std::stable_partition(
+        finished.begin(), finished.end(), [](const auto& f) { return f.request->is_waited_for(); });
     std::move(callbacks, finished.end(), std::back_inserter(callbacks_));
     finished.erase(callbacks, finished.end());
     if (is_own_thread) {

@@ -21,7 +21,7 @@ absl::StatusOr<GzFile> GzFile::Open(const std::string& path) {
 size_t GzFile::Read(uint8_t* data, size_t size) {
   // Of gzip data in small steps, since zlib keeps nothing of the step in which it meets damage.
   constexpr size_t kStep = 1 << 12;
-  constexpr size_t kPlainStep = 1 << 20;  // without a way by zlib's buffer
+  constexpr size_t kPlainStep = 1 << 16;  // without a way by zlib's buffer
   const size_t step = gzdirect(file_.get()) == 1 ? kPlainStep : kStep;
   size_t done = 0;
   while (done < size) {

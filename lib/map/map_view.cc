@@ -207,9 +207,10 @@ SurfaceSample PathReader::Evaluate(double x_m, double y_m) {
 const Tile& PathReader::TileAt(TileKey key) {
   Place& place = places_[(key.ty & 1) << 1 | (key.tx & 1)];
   if (place.tile == nullptr || place.key != key) {
-    const StoredTile* const stored = map_->tiles.Find(key);
     static const auto kAbsent = std::make_shared<const Tile>();
-    place = {key, stored == nullptr ? kAbsent : stored->Get()};
+    const StoredTile* const stored = map_->tiles.Find(key);
+    place = {key, stored == nullptr ? kAbsent : stored->TryGet()};
+    if (place.tile == nullptr) return *kAbsent;  // the next time it may be read
   }
   return *place.tile;
 }

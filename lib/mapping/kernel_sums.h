@@ -23,7 +23,7 @@ namespace {
 // What is left out of a block of free lines.
 class LeftOut {
  public:
-  // Of up to eight rows, whose pairs begin within `way` columns, at most 6.
+  // Of up to eight rows, whose pairs begin within `way`, a fixed-point number of columns up to 6.
   LeftOut(const SettledCells& settled, uint32_t way)
       : runs_(settled.runs[(way + kSpareColumns) >> kCellShift]) {}
   // From a row on, where the leftmost pair begins in column x.
@@ -35,6 +35,8 @@ class LeftOut {
   static constexpr int kCellShift = FreeLine::kFractionBits + SettledCells::kShift;
   // They begin anywhere in a cell, and have eight columns: one less than three cells.
   static constexpr uint32_t kSpareColumns = 3u << FreeLine::kFractionBits;
+  static_assert(((6u << FreeLine::kFractionBits) + kSpareColumns) >> kCellShift <
+                SettledCells::kRuns);
 
   const uint64_t* runs_;
 };

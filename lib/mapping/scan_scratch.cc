@@ -225,15 +225,15 @@ void ScanScratch::CommitDistances(const Commit& commit) {
         (is_readable ? *from : *kUntouched).control_points.data(), result.control_points.data(),
         settled);
     if (!is_changed || !is_readable || !commit.is_taken(key)) return;
-    from = nullptr;  // so that the tile is written in place where nobody else has it
-    StoredTile& edited = commit.tiles.Edit(key, commit.revision);
-    Tile& tile_now = edited.Edit();
     for (int group = 0; group < RowGroups::kPerTile; ++group) {
       constexpr int kPoints = RowGroups::kRows * Tile::kSide;
-      if ((tile.groups >> group & 1) == 0) continue;
-      std::memcpy(&tile_now.control_points[group * kPoints],
-                  &result.control_points[group * kPoints], kPoints * sizeof(ControlPoint));
+      if ((tile.groups >> group & 1) != 0) continue;
+      std::memcpy(&result.control_points[group * kPoints], &from->control_points[group * kPoints],
+                  kPoints * sizeof(ControlPoint));
     }
+    from = nullptr;  // so that the tile is written in place where nobody else has it
+    StoredTile& edited = commit.tiles.Edit(key, commit.revision);
+    edited.Edit() = result;
     edited.SetSettledCells(settled);
   });
   free_.upright.Clear();
@@ -260,22 +260,23 @@ void ScanScratch::AddUnsettledLines(const Commit& commit) {
     plane.OnAdd(nullptr);
   };
   add(free_lines_.steep, free_lines_.num_steep, free_.upright, [&](int32_t tx, int32_t ty) {
-    return SettledCellsOf(commit, {tx, ty});
+    return CellsLeftOut(commit, {tx, ty});
   });
   add(free_lines_.shallow, free_lines_.num_shallow, free_.transposed, [&](int32_t tx, int32_t ty) {
-    return Transposed(SettledCellsOf(commit, {ty, tx}));
+    return Transposed(CellsLeftOut(commit, {ty, tx}));
   });
   free_lines_.num_steep = free_lines_.num_shallow = 0;
   Collect(kernel_.free, free_);
 }
 
-TileCells ScanScratch::SettledCellsOf(const Commit& commit, TileKey key) const {
+TileCells ScanScratch::CellsLeftOut(const Commit& commit, TileKey key) const {
   if (commit.limits.min >= kFreeControlPoint || commit.limits.max < 0) return 0;
   const StoredTile* const tile = commit.tiles.tree().Find(key);
   if (tile == nullptr) return 0;
-  const SumBlock<FaceSum>* const faces = faces_.upright.Find(key.tx, key.ty >> 2);
+  using Block = SumBlock<FaceSum>;
+  const Block* const faces = faces_.upright.Find(key.tx, key.ty >> Block::kUpBits);
   const TileCells settled = tile->SettledCells();
-  return faces == nullptr ? settled : settled & ~faces->marks.of_tile[key.ty & 3];
+  return faces == nullptr ? settled : settled & ~faces->marks.of_tile[key.ty & (Block::kUp - 1)];
 }
 
 template <typename Sum>

@@ -78,7 +78,7 @@ class ScanScratch {
   // The lines of beams, but for what cannot change the tiles any more.
   void AddUnsettledLines(const Commit& commit);
   // Of a tile, those that free lines leave out.
-  TileCells SettledCellsOf(const Commit& commit, TileKey key) const;
+  TileCells CellsLeftOut(const Commit& commit, TileKey key) const;
   // All to `upright`, without aprons.
   template <typename Sum>
   static void Collect(const TileKernel<Sum>& kernel, Planes<Sum>& planes);

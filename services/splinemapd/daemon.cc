@@ -258,10 +258,12 @@ absl::Status Daemon::Stop() {
   parts_->folding.Stop();
   parts_->mapping.Stop();
   const absl::Status saved = parts_->saver.Stop();
+  parts_->receiving.Join();
   // What is published last is on disk. Followers may ask for it.
   parts_->receiving.Start(parts_->requests);
   parts_->replication.Stop();
   parts_->receiving.Stop();
+  parts_->receiving.Join();
   SPLINEMAP_RETURN_IF_ERROR(saved);
   const status_t status = parts_->reporter.MakeStatus();
   bus_->Publish(config_.channel_prefix() + "_STATUS", status);

@@ -65,9 +65,15 @@ void ReceivingThread::ReportNews() {
 void ReceivingThread::Stop() {
   if (!threads_[0].joinable()) return;
   for (std::jthread& thread : threads_) thread.request_stop();
-  for (std::jthread& thread : threads_) thread.join();
+  MutexLock lock(turn_);
   const auto deadline = Clock::now() + kMaxDrain;
   while (bus_.Handle(milliseconds(0)) == LcmBus::Handled::kMessage && Clock::now() < deadline) {
+  }
+}
+
+void ReceivingThread::Join() {
+  for (std::jthread& thread : threads_) {
+    if (thread.joinable()) thread.join();
   }
 }
 

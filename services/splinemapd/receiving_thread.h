@@ -40,8 +40,9 @@ class ReceivingThread {
 
   const WorkSteps& steps() const { return steps_; }
 
-  // Ends the threads, when what they serve is replied to, and handles what has arrived by now.
+  // Ends receiving, and handles what has arrived by now. What is served goes on until Join().
   void Stop();
+  void Join();
 
  private:
   void Run(const std::stop_token& stop, RequestServer& requests);

@@ -22,6 +22,7 @@ fail() {
   for log in "$work"/*.log; do
     [[ -f $log ]] || continue
     echo "-- ${log##*/}" >&2
+    grep -m 1 -A 5 -E '^(panic|fatal error):' "$log" >&2 || true
     tail -n 10 "$log" >&2
   done
   exit 1

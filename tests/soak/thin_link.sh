@@ -54,7 +54,7 @@ on_robot nft -f - <<< "${lose/NAME/eth0}"
 
 nats-server -a 10.77.1.1 -js -sd "$work/jetstream" > server.log 2>&1 &
 fleet=nats://10.77.1.1:4222
-sleep 1
+await grep -q "Server is ready" server.log
 splinemap-fleet-worker --fleet "$fleet" > worker.log 2>&1 &
 await splinemap --fleet "$fleet" layers --json
 export LCM_DEFAULT_URL="udpm://239.255.76.67:7667?ttl=0&recv_buf_size=2000000"

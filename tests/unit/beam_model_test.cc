@@ -170,7 +170,7 @@ TEST(BeamModelTest, EveryKernelMakesTheBytesOfThePlainOneScanAfterScan) {
     Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
     ScanScratch scratch(kernel);
     for (size_t first = 0; first < beams.size(); first += 500) {
-      BeamModel({}, kKnot).Accumulate({&beams[first], 500}, scratch);
+      BeamModel({}, kKnot, kernel).Accumulate({&beams[first], 500}, scratch);
       scratch.CommitTo(layer, map.options().limits);
     }
     return map.View();

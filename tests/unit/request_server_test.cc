@@ -244,6 +244,7 @@ TEST_F(RequestServerTest, StoppedItServesNothing) {
   server_->Handle(Encode(Request(1, 1)));
   EXPECT_FALSE(server_->NeedsServer());
   server_->Serve();
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));  // for what must not come
   EXPECT_EQ(Await(0).size(), 0u);
 }
 

@@ -33,7 +33,7 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
   // The content, which stays in memory for as long as the caller has it; zeros where it cannot be
   // read, which its source tells, and which is tried again with the next call.
   std::shared_ptr<const Tile> Get() const;
-  // The same for as long as the section; faster.
+  // The same for as long as the section; faster, for the library's own queries.
   const Tile& Read(const ReadSection&) const {
     const Tile* const content = content_.load(std::memory_order_acquire);
     if (content == nullptr) return *Get();
