@@ -104,7 +104,8 @@ void AddLine(const FreeLine& line, const Sum* table, SumPlane<Sum>& plane) {
       }
       // Without a branch, which could not be foretold, for the half of lines that end with a whole
       // pair.
-      add_pair(Row<Sum>{} - static_cast<Sum>(1 - rows % 2));
+      const auto is_whole = static_cast<Sum>(1 - rows % 2);
+      add_pair(Row<Sum>{} - is_whole);
 
       const uint32_t groups = GroupsOf(part.row, part.row + rows - 1);
       const auto first = static_cast<int32_t>((x < part.x ? x : part.x) >> kTileShift);
