@@ -151,6 +151,13 @@ void Commit(int32_t* sums, ControlLimits limits, ControlLimits scan_limits,
   return reinterpret_cast<WholeControlPoints>(
       vqrdmulhq_s16(vqsubq_s16(reinterpret_cast<int16x8_t>(a), reinterpret_cast<int16x8_t>(b)),
                     reinterpret_cast<int16x8_t>(c)));
+#elif defined(__SSE2__)
+  const __m128i difference =
+      _mm_subs_epi16(reinterpret_cast<__m128i>(a), reinterpret_cast<__m128i>(b));
+  const auto share = reinterpret_cast<__m128i>(c);
+  const auto high = reinterpret_cast<WholeControlPoints>(_mm_mulhi_epi16(difference, share));
+  const auto low = reinterpret_cast<WholeWeights>(_mm_mullo_epi16(difference, share));
+  return (high << 1) + reinterpret_cast<WholeControlPoints>((low >> 15) + (low >> 14 & 1));
 #else
   using Wide [[gnu::vector_size(8 * kLanes)]] = int32_t;
   const Wide most = Wide{} + 32767;

@@ -123,7 +123,7 @@ def other_aims(speed, results):
         yield f"{words(what)}: the most over the least of all sizes of the map", growth(speed, what), "x", 1.1
     sizes = speed.subjects("growth")
     memory = max(speed.median(f"growth/{s}/scan", "bytes_per_tile") or 0 for s in sizes) if sizes else 0
-    yield "memory per tile, in times of 2 KiB", memory / TILE_BYTES, "x", 1.25
+    yield "memory per tile, in times of 2 KiB", ratio(memory, TILE_BYTES), "x", 1.25
     for drive in speed.subjects("end_to_end"):
         build, peer = (f"end_to_end/{drive}/{program}" for program in ("splinemap_build", "mrpt_build"))
         wall = ratio(speed.median(build, "real_time"), speed.median(peer, "real_time"))
