@@ -34,7 +34,6 @@ say() { echo "arm: $*"; }
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
 # shellcheck source=/dev/null
-source /etc/os-release
 [[ $ID == debian ]] || fail "this needs Debian, for its packages of arm64"
 install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" libgtest-dev "${ARM_PACKAGES[@]}"
 
@@ -65,11 +64,13 @@ Dir::Cache "$work/apt/cache";
 Dir::Etc::sourcelist "$work/apt/sources.list";
 Dir::Etc::sourceparts "/nonexistent";
 EOF
-  local debian='[signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org'
-  cat > "$work/apt/sources.list" << EOF
-deb $debian/debian $VERSION_CODENAME main
-deb $debian/debian-security $VERSION_CODENAME-security main
-EOF
+  # Where this computer's Debian comes from.
+  local keys=/usr/share/keyrings/debian-archive-keyring.gpg
+  # shellcheck disable=SC2016  # apt's variables
+  apt-get indextargets --format '$(REPO_URI) $(RELEASE)' 'Created-By: Packages' |
+    grep '/debian\(-security\)\?/* ' | sort -u |
+    sed "s#.*#deb [signed-by=$keys] & main#" > "$work/apt/sources.list"
+  [[ -s $work/apt/sources.list ]] || fail "apt has no Debian archive here"
   APT_CONFIG=$work/apt/apt.conf apt-get update -qq
   APT_CONFIG=$work/apt/apt.conf apt-get install --download-only -qq -y "${packages[@]}" > /dev/null
   for package in "$work"/apt/cache/archives/*.deb; do dpkg -x "$package" "$sysroot"; done
