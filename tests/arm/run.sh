@@ -34,6 +34,7 @@ say() { echo "arm: $*"; }
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
 # shellcheck source=/dev/null
+source /etc/os-release
 [[ $ID == debian ]] || fail "this needs Debian, for its packages of arm64"
 install_packages "$assume_yes" "${BUILD_PACKAGES[@]}" libgtest-dev "${ARM_PACKAGES[@]}"
 
