@@ -6,9 +6,14 @@
 namespace splinemap::bench {
 
 std::vector<SplineVariant> SplineVariants() {
-  return {{"splinemap", {}},
-          {"splinemap_plain", {}, ScanKernels().front()},
-          {"splinemap_samples", {.update = BeamUpdate::kPaperSamples}}};
+  std::vector<SplineVariant> variants{{"splinemap", {}}};
+  for (const ScanKernel& kernel : ScanKernels()) {
+    if (&kernel != &FastestScanKernel()) {
+      variants.push_back({std::string("splinemap_") + kernel.name, {}, kernel});
+    }
+  }
+  variants.push_back({"splinemap_samples", {.update = BeamUpdate::kPaperSamples}});
+  return variants;
 }
 
 void SplineMapper::Clear() {

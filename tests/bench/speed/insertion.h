@@ -14,9 +14,10 @@
 
 namespace splinemap::bench {
 
-// What splinemap can be told to do, by the name that it has in benchmarks.
+// What splinemap can be told to do, by the name that it has in benchmarks; each instruction set but
+// the fastest has a name of its own.
 struct SplineVariant {
-  const char* name;
+  std::string name;
   BeamModelOptions options;
   const ScanKernel& kernel = FastestScanKernel();
 };
