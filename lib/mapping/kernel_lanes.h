@@ -185,8 +185,26 @@ ControlPoints Narrow(Sums v) {
 #endif
 }
 
+// Of numbers.
+[[gnu::always_inline]] inline Floats8 Lesser(Floats8 a, Floats8 b) {
+#ifdef __AVX__
+  return reinterpret_cast<Floats8>(
+      _mm256_min_ps(reinterpret_cast<__m256>(a), reinterpret_cast<__m256>(b)));
+#else
+  return a < b ? a : b;
+#endif
+}
+[[gnu::always_inline]] inline Floats8 Greater(Floats8 a, Floats8 b) {
+#ifdef __AVX__
+  return reinterpret_cast<Floats8>(
+      _mm256_max_ps(reinterpret_cast<__m256>(a), reinterpret_cast<__m256>(b)));
+#else
+  return a > b ? a : b;
+#endif
+}
+
 // The groups that a range of rows lies in.
-uint32_t GroupsOf(int32_t first_row, int32_t last_row) {
+uint32_t GroupsOf(uint32_t first_row, uint32_t last_row) {
   return (2u << (last_row / kRowsPerGroup)) - (1u << (first_row / kRowsPerGroup));
 }
 

@@ -2,94 +2,91 @@
 
 // Lines, faces and samples added to sums. A part of scan_kernel_impl.h.
 
-#include <type_traits>
-
 #include "lib/mapping/kernel_lanes.h"
 
 namespace splinemap::SPLINEMAP_KERNEL {
 namespace {
 
 // So many of `rows`, from column x of a block on, lie in pairs that begin in it.
-[[gnu::always_inline]] inline int32_t RowsInBlock(uint32_t x, int64_t width, int32_t rows,
-                                                  int32_t columns_per_row) {
-  const int64_t last = x + int64_t{columns_per_row} * ((rows - 1) & ~1);
+[[gnu::always_inline]] inline uint32_t RowsInBlock(uint32_t x, uint32_t width, uint32_t rows,
+                                                   int32_t columns_per_row) {
+  const int64_t last = x + int64_t{columns_per_row} * ((rows - 1) & ~1u);
   if (last >= 0 && last < width) return rows;
-  const auto way = static_cast<uint32_t>(columns_per_row > 0 ? width - 1 - x : x);
+  const uint32_t way = columns_per_row > 0 ? width - 1 - x : x;
   const auto per_row =
       static_cast<uint32_t>(columns_per_row > 0 ? columns_per_row : -columns_per_row);
-  return static_cast<int32_t>(way / per_row + 2) & ~1;
+  return (way / per_row + 2) & ~1u;
 }
 
-// What is left out of a block of free lines.
-class LeftOut {
- public:
-  // Of up to eight rows, whose pairs begin within `way`, a fixed-point number of columns up to 6.
-  LeftOut(const SettledCells& settled, uint32_t way)
-      : runs_(settled.runs[(way + kSpareColumns) >> kCellShift]) {}
-  // From a row on, where the leftmost pair begins in column x.
-  [[gnu::always_inline]] bool Has(int32_t row, uint32_t x) const {
-    return (runs_[row >> SettledCells::kShift] >> (x >> kCellShift) & 1) != 0;
+constexpr uint64_t kAllPairs = ~uint64_t{0};
+static_assert(kBlockRows / 2 == 64);
+
+// Of pairs of rows, from `first_row` of a block on, a bit for each that is not left out. The
+// columns of the first begin at x.
+[[gnu::always_inline]] inline uint64_t PairsToAdd(const NoMarks&, uint32_t, uint32_t pairs,
+                                                  uint32_t, uint32_t) {
+  return kAllPairs >> (64 - pairs);
+}
+[[gnu::always_inline]] inline uint64_t PairsToAdd(const SettledCells& settled, uint32_t first_row,
+                                                  uint32_t pairs, uint32_t x,
+                                                  uint32_t columns_per_pair) {
+  constexpr int kCellShift = FreeLine::kFractionBits + SettledCells::kShift;
+  const uint32_t* const of_pairs = settled.of_pairs[first_row % 2] + first_row / 2;
+  uint64_t is_left_out = 0;
+#ifdef __AVX2__
+  using Words [[gnu::vector_size(32)]] = uint32_t;
+  const Words numbers = {0, 1, 2, 3, 4, 5, 6, 7};
+  Words columns = x + numbers * columns_per_pair;
+  for (uint32_t n = 0; n < pairs; n += 8, columns += 8 * columns_per_pair) {
+    const auto signs = reinterpret_cast<__m256>(
+        (Load<Words>(of_pairs + n) >> (columns >> kCellShift)) << 31);
+    is_left_out |= uint64_t{static_cast<uint32_t>(_mm256_movemask_ps(signs))} << n;
   }
-
- private:
-  static constexpr int kCellShift = FreeLine::kFractionBits + SettledCells::kShift;
-  // They begin anywhere in a cell, and have eight columns: one less than three cells.
-  static constexpr uint32_t kSpareColumns = 3u << FreeLine::kFractionBits;
-  static_assert(((6u << FreeLine::kFractionBits) + kSpareColumns) >> kCellShift <
-                SettledCells::kRuns);
-
-  const uint64_t* runs_;
-};
-// Nothing is, of other lines.
-class NothingLeftOut {
- public:
-  NothingLeftOut(const NoMarks&, uint32_t) {}
-  [[gnu::always_inline]] bool Has(int32_t, uint32_t) const { return false; }
-};
-
-// The part of a line that lies in a block.
-struct LinePart {
-  uint32_t x;  // column in the block of the first row that is left
-  int32_t row;
-  int32_t rows;
-};
+#else
+  for (uint32_t n = 0; n < pairs; ++n, x += columns_per_pair) {
+    is_left_out |= uint64_t{of_pairs[n] >> (x >> kCellShift) & 1} << n;
+  }
+#endif
+  return ~is_left_out & kAllPairs >> (64 - pairs);
+}
 
 template <typename Sum>
 void AddLine(const FreeLine& line, const Sum* table, SumPlane<Sum>& plane) {
   using Table = FreeLineTable<Sum>;
   using Block = SumBlock<Sum>;
-  using Left = std::conditional_t<sizeof(Sum) == sizeof(uint16_t), LeftOut, NothingLeftOut>;
-  constexpr int32_t kRowsAtOnce = 8;
   constexpr int kTileShift = FreeLine::kFractionBits + 5;
   constexpr int kWidthShift = kTileShift + Block::kAcrossBits;
   constexpr uint32_t kWidth = uint32_t{1} << kWidthShift;
   constexpr int kPhaseShift = FreeLine::kFractionBits - Table::kPhaseBits;
   constexpr uint32_t kLastColumn = (Table::kWidth - 1) << FreeLine::kFractionBits;
   const Sum* const row_pairs = table + ptrdiff_t{line.slope} * Table::kSumsPerSlope;
-  const auto columns_per_row = static_cast<uint32_t>(line.columns_per_row);
-  const uint32_t columns_per_pair = 2 * columns_per_row;
-  const bool is_leftwards = line.columns_per_row < 0;
+  const auto columns_per_pair = 2 * static_cast<uint32_t>(line.columns_per_row);
   int64_t column = line.column;
   int32_t row = line.first_row;
-  int32_t left = line.rows;
+  auto left = static_cast<uint32_t>(line.rows);
   while (left > 0) {
     Block* block = plane.At(static_cast<int32_t>(column >> kWidthShift), row >> kBlockShift);
-    LinePart part{static_cast<uint32_t>(column) & (kWidth - 1), row & (kBlockRows - 1), 0};
-    const int32_t most = left < kBlockRows - part.row ? left : kBlockRows - part.row;
-    part.rows = RowsInBlock(part.x, kWidth, most, line.columns_per_row);
-    const Left left_out(block->marks, is_leftwards ? -3 * columns_per_pair : 3 * columns_per_pair);
-    column += int64_t{line.columns_per_row} * part.rows;
-    row += part.rows;
-    left -= part.rows;
+    const uint32_t first_x = static_cast<uint32_t>(column) & (kWidth - 1);
+    const uint32_t first_row = static_cast<uint32_t>(row) % kBlockRows;
+    const uint32_t most = left < kBlockRows - first_row ? left : kBlockRows - first_row;
+    const uint32_t rows = RowsInBlock(first_x, kWidth, most, line.columns_per_row);
+    column += int64_t{line.columns_per_row} * rows;
+    row += static_cast<int32_t>(rows);
+    left -= rows;
 
-    const auto is_left_out = [&](int32_t after, int32_t rows) {
-      const uint32_t x = part.x + static_cast<uint32_t>(after) * columns_per_row;
-      const uint32_t way = static_cast<uint32_t>((rows - 1) / 2) * columns_per_pair;
-      return left_out.Has(part.row + after, is_leftwards ? x + way : x);
-    };
-    const auto add = [&](int32_t rows) {
-      uint32_t x = part.x;
-      Sum* sums = block->sums + part.row * kStride<Sum>;
+    uint64_t pairs =
+        PairsToAdd(block->marks, first_row, (rows + 1) / 2, first_x, columns_per_pair);
+    while (pairs != 0) {
+      // A run of them, [first, end).
+      const auto first = static_cast<uint32_t>(__builtin_ctzll(pairs));
+      const uint64_t without = pairs + (uint64_t{1} << first);  // and with one behind them
+      const uint32_t end = without == 0 ? 64 : static_cast<uint32_t>(__builtin_ctzll(without));
+      pairs &= without;
+
+      const uint32_t run_row = first_row + 2 * first;
+      const uint32_t run_x = first_x + first * columns_per_pair;
+      uint32_t x = run_x;
+      Sum* sums = block->sums + run_row * kStride<Sum>;
       const auto add_pair = [&](Row<Sum> second_mask) {
         const uint32_t phase = (x >> kPhaseShift) & (Table::kPhases - 1);
         const Sum* const pair = row_pairs + phase * (2 * Table::kWidth);
@@ -97,61 +94,33 @@ void AddLine(const FreeLine& line, const Sum* table, SumPlane<Sum>& plane) {
         AddTo(Load<Row<Sum>>(pair), place);
         AddTo(Load<Row<Sum>>(pair + Table::kWidth) & second_mask, place + kStride<Sum>);
       };
-      for (int32_t n = (rows - 1) / 2; n > 0; --n) {
+      for (uint32_t n = first + 1; n < end; ++n) {
         add_pair(~Row<Sum>{});
         sums += 2 * kStride<Sum>;
         x += columns_per_pair;
       }
       // Without a branch, which could not be foretold, for the half of lines that end with a whole
       // pair.
-      const auto is_whole = static_cast<Sum>(1 - rows % 2);
+      const uint32_t end_row = first_row + (rows < 2 * end ? rows : 2 * end);
+      const auto is_whole = static_cast<Sum>(1 - (end_row - run_row) % 2);
       add_pair(Row<Sum>{} - is_whole);
 
-      const uint32_t groups = GroupsOf(part.row, part.row + rows - 1);
-      const auto first = static_cast<int32_t>((x < part.x ? x : part.x) >> kTileShift);
-      const auto last =
-          static_cast<int32_t>(((x < part.x ? part.x : x) + kLastColumn) >> kTileShift);
+      const uint32_t groups = GroupsOf(run_row, end_row - 1);
+      const auto first_tile = static_cast<int32_t>((x < run_x ? x : run_x) >> kTileShift);
+      const auto last_tile =
+          static_cast<int32_t>(((x < run_x ? run_x : x) + kLastColumn) >> kTileShift);
       const Int32x8 tile = {0, 1, 2, 3, 4, 5, 6, 7};
       static_assert(sizeof block->touched == sizeof tile);
       Store(Load<Int32x8>(block->touched) |
-                ((tile >= first) & (tile <= last) & static_cast<int32_t>(groups)),
+                ((tile >= first_tile) & (tile <= last_tile) & static_cast<int32_t>(groups)),
             block->touched);
-    };
-    const auto advance = [&](int32_t rows) {
-      part.x += static_cast<uint32_t>(rows) * columns_per_row;
-      part.row += rows;
-      part.rows -= rows;
-    };
-    while (part.rows > 0) {
-      while (part.rows >= kRowsAtOnce && is_left_out(0, kRowsAtOnce)) advance(kRowsAtOnce);
-      if (part.rows < kRowsAtOnce) {
-        if (part.rows > 0 && !is_left_out(0, part.rows)) add(part.rows);
-        break;
-      }
-      int32_t rows = kRowsAtOnce;
-      while (part.rows - rows >= kRowsAtOnce && !is_left_out(rows, kRowsAtOnce)) {
-        rows += kRowsAtOnce;
-      }
-      const int32_t rest = part.rows - rows;
-      if (rest > 0 && rest < kRowsAtOnce && !is_left_out(rows, rest)) rows += rest;
-      add(rows);
-      advance(rows);
     }
   }
 }
 
 template <typename Sum>
 void AddLines(const FreeLine* lines, size_t count, const Sum* table, SumPlane<Sum>& plane) {
-  for (size_t n = 0; n < count; ++n) {
-    // What the next line needs of the table, which is larger than the fastest cache.
-    const FreeLine& next = lines[n + 1 < count ? n + 1 : n];
-    const Sum* const row_pairs = table + ptrdiff_t{next.slope} * FreeLineTable<Sum>::kSumsPerSlope;
-    constexpr int kSumsPerCacheLine = 64 / sizeof(Sum);
-    for (int k = 0; k < FreeLineTable<Sum>::kSumsPerSlope; k += kSumsPerCacheLine) {
-      __builtin_prefetch(row_pairs + k);
-    }
-    AddLine(lines[n], table, plane);
-  }
+  for (size_t n = 0; n < count; ++n) AddLine(lines[n], table, plane);
 }
 
 // Marks rows of a face, which lie in a block from column `a` to `b` on.
@@ -164,8 +133,11 @@ void AddLines(const FreeLine* lines, size_t count, const Sum* table, SumPlane<Su
   block.touched[1] |= end > kSide ? groups : 0;
   const uint32_t cells =
       (2u << ((end - 1) >> SettledCells::kShift)) - (1u << (first >> SettledCells::kShift));
-  for (int32_t k = row >> SettledCells::kShift; k <= (row + rows - 1) >> SettledCells::kShift;
-       ++k) {
+  // They lie in up to three rows of cells.
+  static_assert(FaceLine::kMostRows <= 9);
+  const int32_t first_row = row >> SettledCells::kShift;
+  const int32_t last_row = (row + rows - 1) >> SettledCells::kShift;
+  for (const int32_t k : {first_row, (first_row + last_row) / 2, last_row}) {
     block.marks.of_row[k] = static_cast<uint16_t>(block.marks.of_row[k] | cells);
   }
 }
@@ -195,7 +167,7 @@ void AddFace(const FaceLine& face, const int32_t* table, SumPlane<FaceSum>& plan
   const Int32x8 column = fraction + n * line.columns_per_row;
   const Int32x8 cells = column >> FreeLine::kFractionBits;
   const Floats8 most_part = face.part + n_float * face.part_per_row;
-  const Floats8 part = most_part < 1 ? most_part : Floats8{} + 1;
+  const Floats8 part = Lesser(most_part, Floats8{} + 1);
   // Rows beyond the last have no weight.
   constexpr int32_t kNone = 8;
   int32_t cell_of_row[8];
@@ -222,8 +194,7 @@ void AddFace(const FaceLine& face, const int32_t* table, SumPlane<FaceSum>& plan
     const Int32x8 weight =
         (in_whole * SpreadTwo<Int32x8>(weight_of_row[a], weight_of_row[b])) >> kPartBits;
     Floats8 share = SpreadTwo<Floats8>(share_of_row[a], share_of_row[b]) + share_of_columns;
-    share = share < 0 ? Floats8{} : share;
-    share = share > kWhole ? Floats8{} + kWhole : share;
+    share = Lesser(Greater(share, Floats8{}), Floats8{} + kWhole);
     static_assert(SignedDistance::kWholeShare == 1 << 8);
     const Int32x8 occupied = (weight * __builtin_convertvector(share, Int32x8)) >> 8;
     AddTo(__builtin_shufflevector(weight, occupied, 0, 8, 1, 9, 2, 10, 3, 11), to_a);

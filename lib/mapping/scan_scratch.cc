@@ -70,25 +70,12 @@ TileCells Transposed(TileCells cells) {
   return cells;
 }
 
-// Sets the marks of a block by the cells that are settled of the tiles (tx, ty) of its plane.
-template <typename CellsOf>
-void MarkSettled(CellsOf cells_of, SumBlock<uint16_t>& block) {
-  using Block = SumBlock<uint16_t>;
-  uint64_t cells[SettledCells::kRows] = {};
-  for (int up = 0; up < Block::kUp; ++up) {
-    for (int across = 0; across <= Block::kAcross; ++across) {  // the apron, too
-      const TileCells of_tile =
-          cells_of(block.column * Block::kAcross + across, block.row * Block::kUp + up);
-      if (of_tile == 0) continue;
-      for (int k = 0; k < 8; ++k) cells[8 * up + k] |= (of_tile >> (8 * k) & 255) << (8 * across);
-    }
-  }
-  block.marks.Set(cells);
-}
-
 // The cells of a tile of a block that there are faces in, and those of its apron.
 std::pair<TileCells, TileCells> FaceCellsOf(const SumBlock<FaceSum>& block, int up) {
   std::pair<TileCells, TileCells> cells;
+  uint64_t any[2];
+  std::memcpy(any, &block.marks.of_row[8 * up], sizeof(any));
+  if ((any[0] | any[1]) == 0) return cells;
   for (int k = 0; k < 8; ++k) {
     const TileCells row = block.marks.of_row[8 * up + k];
     cells.first |= (row & 255) << (8 * k);
@@ -254,29 +241,46 @@ void ScanScratch::AddUnsettledLines(const Commit& commit) {
   Collect(kernel_.faces, faces_);
 
   const auto add = [&](const std::vector<FreeLine>& lines, size_t count, SumPlane<uint16_t>& plane,
-                       auto cells_of) {
-    plane.OnAdd([&](SumBlock<uint16_t>& block) { MarkSettled(cells_of, block); });
+                       bool is_transposed) {
+    plane.OnAdd([&](SumBlock<uint16_t>& block) { MarkSettled(commit, is_transposed, block); });
     kernel_.add_free_lines(lines.data(), count, free_table.data(), plane);
     plane.OnAdd(nullptr);
   };
-  add(free_lines_.steep, free_lines_.num_steep, free_.upright, [&](int32_t tx, int32_t ty) {
-    return CellsLeftOut(commit, {tx, ty});
-  });
-  add(free_lines_.shallow, free_lines_.num_shallow, free_.transposed, [&](int32_t tx, int32_t ty) {
-    return Transposed(CellsLeftOut(commit, {ty, tx}));
-  });
+  add(free_lines_.steep, free_lines_.num_steep, free_.upright, false);
+  add(free_lines_.shallow, free_lines_.num_shallow, free_.transposed, true);
   free_lines_.num_steep = free_lines_.num_shallow = 0;
   Collect(kernel_.free, free_);
 }
 
-TileCells ScanScratch::CellsLeftOut(const Commit& commit, TileKey key) const {
-  if (commit.limits.min >= kFreeControlPoint || commit.limits.max < 0) return 0;
-  const StoredTile* const tile = commit.tiles.tree().Find(key);
-  if (tile == nullptr) return 0;
-  using Block = SumBlock<FaceSum>;
-  const Block* const faces = faces_.upright.Find(key.tx, key.ty >> Block::kUpBits);
-  const TileCells settled = tile->SettledCells();
-  return faces == nullptr ? settled : settled & ~faces->marks.of_tile[key.ty & (Block::kUp - 1)];
+void ScanScratch::MarkSettled(const Commit& commit, bool is_transposed,
+                              SumBlock<uint16_t>& block) const {
+  using Block = SumBlock<uint16_t>;
+  uint64_t cells[SettledCells::kRows] = {};
+  const auto key_of = [&](int across, int up) {
+    const int32_t x = block.column * Block::kAcross + across;
+    const int32_t y = block.row * Block::kUp + up;
+    return is_transposed ? TileKey{y, x} : TileKey{x, y};
+  };
+  const auto mark = [&](TileKey key, const TileTree::Entry& entry) {
+    TileCells left_out = entry.tile->SettledCells();
+    if (left_out == 0) return;
+    using Faces = SumBlock<FaceSum>;
+    const Faces* const faces = faces_.upright.Find(key.tx, key.ty >> Faces::kUpBits);
+    if (faces != nullptr) left_out &= ~faces->marks.of_tile[key.ty & (Faces::kUp - 1)];
+    if (is_transposed) {
+      left_out = Transposed(left_out);
+      std::swap(key.tx, key.ty);
+    }
+    const int across = key.tx - block.column * Block::kAcross;
+    const int up = key.ty - block.row * Block::kUp;
+    for (int k = 0; k < 8; ++k) cells[8 * up + k] |= (left_out >> (8 * k) & 255) << (8 * across);
+  };
+  const bool are_limits_beyond = commit.limits.min < kFreeControlPoint && commit.limits.max >= 0;
+  if (are_limits_beyond) {
+    // With the apron.
+    commit.tiles.tree().ForEachIn(key_of(0, 0), key_of(Block::kAcross, Block::kUp - 1), mark);
+  }
+  block.marks.Set(cells);
 }
 
 template <typename Sum>

@@ -77,8 +77,8 @@ class ScanScratch {
   void CommitDistances(const Commit& commit);
   // The lines of beams, but for what cannot change the tiles any more.
   void AddUnsettledLines(const Commit& commit);
-  // Of a tile, those that free lines leave out.
-  TileCells CellsLeftOut(const Commit& commit, TileKey key) const;
+  // Sets what free lines leave out of a block.
+  void MarkSettled(const Commit& commit, bool is_transposed, SumBlock<uint16_t>& block) const;
   // All to `upright`, without aprons.
   template <typename Sum>
   static void Collect(const TileKernel<Sum>& kernel, Planes<Sum>& planes);

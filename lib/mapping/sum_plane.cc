@@ -5,15 +5,14 @@
 namespace splinemap {
 
 void SettledCells::Set(const uint64_t (&cells)[kRows]) {
-  uint64_t rows[kRows + 2];
-  std::copy_n(cells, kRows, rows);
-  rows[kRows] = rows[kRows + 1] = ~uint64_t{0};  // no line goes on there
+  uint32_t three[kRows + 1];
   for (int row = 0; row < kRows; ++row) {
-    const uint64_t one = rows[row] & rows[row + 1] & rows[row + 2];
-    const uint64_t two = one & one >> 1;
-    runs[0][row] = two & one >> 2;
-    runs[1][row] = two & two >> 2;
-    runs[2][row] = two & two >> 2 & one >> 4;
+    three[row] = static_cast<uint32_t>(cells[row] & cells[row] >> 1 & cells[row] >> 2);
+  }
+  three[kRows] = three[kRows - 1];  // the last row of a block is a pair by itself
+  for (int row = 0; row < kRows; ++row) {
+    of_pairs[0][2 * row] = of_pairs[0][2 * row + 1] = of_pairs[1][2 * row] = three[row];
+    of_pairs[1][2 * row + 1] = three[row] & three[row + 1];
   }
 }
 
@@ -26,8 +25,11 @@ SumBlock<Sum>* SumPlane<Sum>::Add(int32_t column, int32_t row) {
   block->row = row;
   block->next = bucket;
   bucket = block;
-  block->marks = {};
-  if (on_add_) on_add_(*block);
+  if (on_add_) {
+    on_add_(*block);
+  } else {
+    block->marks = {};
+  }
   return block;
 }
 

@@ -22,10 +22,12 @@ struct FaceSum {
 struct SettledCells {
   static constexpr int kShift = 2;
   static constexpr int kRows = 32;
-  // Lines ask for eight rows at once, which lie in up to three rows of cells, and in three to five
-  // cells of each. Bit c of runs[n][row]: the n + 3 cells from c on, of that row and the next two.
-  static constexpr int kRuns = 3;
-  uint64_t runs[kRuns][kRows] = {};
+  // Lines ask for pairs of rows of 8 columns, which lie in up to three cells of a row, or of two.
+  // Bit c of of_pairs[is_odd][n]: cells c to c + 2 of the rows 2 n and 2 n + 1, or if they begin
+  // with an odd one, of 2 n + 1 and 2 n + 2. Those beyond the last are for kernels that ask for
+  // eight at once.
+  static constexpr int kPairs = 64;
+  uint32_t of_pairs[2][kPairs + 7] = {};
 
   // Bit c of `cells`: of the cells of a row, whether cell c is left out.
   void Set(const uint64_t (&cells)[kRows]);
@@ -128,7 +130,7 @@ class SumPlane {
   Block& block(size_t n) { return *blocks_[n]; }
   const Block& block(size_t n) const { return *blocks_[n]; }
 
-  // Gets each block that is added, for its marks; null ends that.
+  // Gets each block that is added, to set its marks; null ends that, and they are none.
   void OnAdd(std::function<void(Block& block)> on_add) { on_add_ = std::move(on_add); }
 
   // Requires that all sums are 0.

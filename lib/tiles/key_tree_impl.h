@@ -115,6 +115,30 @@ uint64_t KeyTree<Value>::RevisionOf(TileKey key) const {
   return leaf == nullptr ? 0 : leaf->revisions[key_tree::ChildInLeaf(key)];
 }
 
+// Leaf by leaf.
+template <typename Value>
+void KeyTree<Value>::ForEachIn(TileKey first, TileKey last, Visitor visit) const {
+  const auto last_in_leaf = [](int32_t from, int32_t last_of_all) {
+    return std::min(last_of_all, key_tree::Unbiased(key_tree::Biased(from) | 7));
+  };
+  for (int32_t ty = first.ty; ty <= last.ty;) {
+    const int32_t last_ty = last_in_leaf(ty, last.ty);
+    for (int32_t tx = first.tx; tx <= last.tx;) {
+      const int32_t last_tx = last_in_leaf(tx, last.tx);
+      if (const Leaf* leaf = FindLeaf({tx, ty})) {
+        for (TileKey key{tx, ty}; key.ty <= last_ty; ++key.ty) {
+          for (key.tx = tx; key.tx <= last_tx; ++key.tx) {
+            const int child = key_tree::ChildInLeaf(key);
+            if (leaf->tiles[child]) visit(key, {leaf->tiles[child], leaf->revisions[child]});
+          }
+        }
+      }
+      tx = last_tx + 1;
+    }
+    ty = last_ty + 1;
+  }
+}
+
 template <typename Value>
 void KeyTree<Value>::ForEachChanged(uint64_t since, Visitor visit) const {
   if (!root_) return;

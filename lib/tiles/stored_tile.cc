@@ -98,10 +98,7 @@ TouchedPoints StoredTile::Touched() const {
   return TouchedPoints::Unpacked(packed);
 }
 
-TileCells StoredTile::SettledCells() const {
-  if (is_settled_known_.load(std::memory_order_acquire)) {
-    return settled_.load(std::memory_order_relaxed);
-  }
+TileCells StoredTile::FindSettledCells() const {
   std::shared_ptr<const Tile> tile;
   {
     const Guard guard(*this);

@@ -31,6 +31,36 @@ TEST(TileTreeTest, FindsNothingInAnEmptyTree) {
   EXPECT_TRUE(ContentOf(tree).empty());
 }
 
+TEST(TileTreeTest, VisitsWhatLiesInARectangle) {
+  constexpr int32_t kFar = kMaxKnotIndex >> 5;
+  TileTreeEditor editor;
+  std::mt19937_64 random(1);
+  const auto coordinate = [&] { return static_cast<int32_t>(random() % 60) - 30; };
+  for (int n = 0; n < 1000; ++n) editor.Edit({coordinate(), coordinate()}, 1);
+  editor.Edit({kFar, kFar}, 1);
+  for (int n = 0; n < 1000; ++n) {
+    const TileKey first{coordinate(), coordinate()};
+    const TileKey last{first.tx + static_cast<int32_t>(random() % 20) - 1,
+                       first.ty + static_cast<int32_t>(random() % 20) - 1};
+    std::map<std::pair<int32_t, int32_t>, const StoredTile*> expected;
+    editor.tree().ForEach([&](TileKey key, const TileTree::Entry& entry) {
+      if (key.tx < first.tx || key.tx > last.tx || key.ty < first.ty || key.ty > last.ty) return;
+      expected[{key.tx, key.ty}] = entry.tile.get();
+    });
+    std::map<std::pair<int32_t, int32_t>, const StoredTile*> visited;
+    editor.tree().ForEachIn(first, last, [&](TileKey key, const TileTree::Entry& entry) {
+      EXPECT_TRUE(visited.emplace(std::pair(key.tx, key.ty), entry.tile.get()).second);
+    });
+    EXPECT_EQ(visited, expected);
+  }
+  int count = 0;
+  editor.tree().ForEachIn({kFar - 2, kFar - 2}, {kFar + 4, kFar + 4},
+                          [&](TileKey, const TileTree::Entry&) { ++count; });
+  EXPECT_EQ(count, 1);
+  TileTree().ForEachIn({-1, -1}, {1, 1}, [&](TileKey, const TileTree::Entry&) { ++count; });
+  EXPECT_EQ(count, 1);
+}
+
 TEST(TileTreeTest, HoldsKeysOfEverySignAndSize) {
   constexpr int32_t kFar = kMaxKnotIndex >> 5;
   const std::vector<TileKey> keys = {{0, 0},       {-1, 0},         {0, -1},       {-1, -1},

@@ -42,7 +42,10 @@ class KeyTree {
 
   // Visits each value once; the order depends on the keys alone.
   void ForEach(Visitor visit) const { ForEachChanged(0, visit); }
-  // As above, for those that were written after an older tree of the same lineage() was frozen,
+  // As above, for the keys from `first` to `last`, both included, in x and y. Costs little where
+  // they are close together.
+  void ForEachIn(TileKey first, TileKey last, Visitor visit) const;
+  // For those that were written after an older tree of the same lineage() was frozen,
   // whose version() is `since`.
   void ForEachChanged(uint64_t since, Visitor visit) const;
 

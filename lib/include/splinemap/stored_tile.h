@@ -52,7 +52,11 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
   uint64_t Checksum(TileKey key) const;
   TouchedPoints Touched() const;
   // SettledCellsOf() the content; none where it is not in memory and they are not known.
-  TileCells SettledCells() const;
+  TileCells SettledCells() const {
+    return is_settled_known_.load(std::memory_order_acquire)
+               ? settled_.load(std::memory_order_relaxed)
+               : FindSettledCells();
+  }
   // From who has edited it, and knows. Requires what Edit() does.
   void SetSettledCells(TileCells cells);
 
@@ -70,6 +74,7 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
   class Guard;
 
   bool SetSource(std::shared_ptr<TileSource> source, int64_t number, bool only_first) const;
+  TileCells FindSettledCells() const;
   bool IsCounted() const;
   enum class Eviction { kDone, kWasUsed, kNothingToDo };
   Eviction Evict() const;
