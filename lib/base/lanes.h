@@ -1,7 +1,7 @@
 #pragma once
 
 #include <cstdint>
-#ifdef __AVX__
+#ifdef __SSE4_1__
 #include <immintrin.h>
 #endif
 
@@ -19,6 +19,12 @@ typedef int32_t Integers4 __attribute__((vector_size(16)));
 [[gnu::always_inline]] inline Doubles4 Floor(Doubles4 x) {
 #ifdef __AVX__
   return reinterpret_cast<Doubles4>(_mm256_floor_pd(reinterpret_cast<__m256d>(x)));
+#elif defined(__SSE4_1__)
+  __m128d halves[2];
+  __builtin_memcpy(halves, &x, sizeof(x));
+  for (__m128d& half : halves) half = _mm_floor_pd(half);
+  __builtin_memcpy(&x, halves, sizeof(x));
+  return x;
 #elif defined(__aarch64__)
   for (int k = 0; k < 4; ++k) x[k] = __builtin_floor(x[k]);  // one instruction for two of them
   return x;

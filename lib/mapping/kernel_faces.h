@@ -53,15 +53,14 @@ struct HitsBefore {
   // The same to either side as far as the hits lie apart, one at least.
   const Doubles4 most = Doubles4{} + (Hits::kMostAside - 1);
   const Doubles4 aside = Hits::kHalfChordKnots / spacing;
-  Store(__builtin_convertvector(aside < most ? aside : most, Integers4) + 1, hits.aside + n);
+  Store(__builtin_convertvector(Lesser(aside, most), Integers4) + 1, hits.aside + n);
 
   const Doubles4 x_step = x - __builtin_shufflevector(before.x, x, 3, 4, 5, 6);
   const Doubles4 y_step = y - __builtin_shufflevector(before.y, y, 3, 4, 5, 6);
   const Doubles4 oblique =
       Hits::kMostObliqueGap * __builtin_shufflevector(before.spacing, spacing, 3, 4, 5, 6);
-  const Doubles4 near = Doubles4{} + Hits::kNearKnots;
-  const Doubles4 gap = oblique < near ? near : oblique;
-  const Longs4 is_near = x_step * x_step + y_step * y_step < gap * gap;
+  const Doubles4 gap = Greater(oblique, Doubles4{} + Hits::kNearKnots);
+  const Longs4 is_near = IsLess(x_step * x_step + y_step * y_step, gap * gap);
   Integers4 hit;
   for (int k = 0; k < 4; ++k) hit[k] = beams[k].hit ? -1 : 0;
   Store(__builtin_convertvector(is_near, Integers4) & hit, hits.is_beside + n);
@@ -98,24 +97,20 @@ void SetFourFaces(const BeamMemory* beams, const Chord* chords, Face* faces) {
   const Doubles4 dx = beam[2];
   const Doubles4 dy = beam[3];
   const Doubles4 squared_length = chord[0] * chord[0] + chord[1] * chord[1];
-  const Longs4 is_lone = squared_length < Face::kLeastChordKnots * Face::kLeastChordKnots;
-  const Doubles4 scale = 1 / SquareRoot(is_lone ? Doubles4{} + 1 : squared_length);
+  const Longs4 is_lone =
+      IsLess(squared_length, Doubles4{} + Face::kLeastChordKnots * Face::kLeastChordKnots);
+  const Doubles4 scale = 1 / SquareRoot(Select(is_lone, Doubles4{} + 1, squared_length));
   const Doubles4 x = -chord[1] * scale;
   const Doubles4 y = chord[0] * scale;
   const Doubles4 cosine = x * dx + y * dy;
-  const Longs4 is_away = cosine < 0;
-  const Doubles4 least = Doubles4{} + Face::kLeastCosine;
-  const Doubles4 stretch = 1 / (Abs(cosine) < least ? least : Abs(cosine));
+  const Longs4 is_away = IsLess(cosine, Doubles4{});
+  const Doubles4 stretch = 1 / Greater(Abs(cosine), Doubles4{} + Face::kLeastCosine);
   const Longs4 is_face = __builtin_convertvector(weight != 0, Longs4);
   // Control points one knot from the plane in front, and a row more.
-  const Doubles4 before = (is_lone ? Doubles4{} + 1 : stretch) * kBefore + 1;
-  Doubles4 face[4] = {is_lone   ? dx
-                      : is_away ? -x
-                                : x,
-                      is_lone   ? dy
-                      : is_away ? -y
-                                : y,
-                      is_face ? before : Doubles4{}, chord[2]};
+  const Doubles4 before = Select(is_lone, Doubles4{} + 1, stretch) * kBefore + 1;
+  Doubles4 face[4] = {Select(is_lone, dx, Select(is_away, -x, x)),
+                      Select(is_lone, dy, Select(is_away, -y, y)),
+                      Select(is_face, before, Doubles4{}), chord[2]};
   Transpose(face);
   for (int k = 0; k < 4; ++k) {
     Store(face[k], &faces[k]);

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 #ifdef __SSE2__
 #include <immintrin.h>
 #endif
@@ -185,21 +186,73 @@ ControlPoints Narrow(Sums v) {
 #endif
 }
 
-// Of numbers.
-[[gnu::always_inline]] inline Floats8 Lesser(Floats8 a, Floats8 b) {
-#ifdef __AVX__
-  return reinterpret_cast<Floats8>(
-      _mm256_min_ps(reinterpret_cast<__m256>(a), reinterpret_cast<__m256>(b)));
+// Compilers take comparisons of vectors that are wider than the registers apart into scalars, and
+// what follows from them, too. Of 32 bytes, as all of the following:
+template <typename Vector>
+using MaskOf = decltype(Vector{} < Vector{});
+
+template <typename Vector>
+[[gnu::always_inline]] inline MaskOf<Vector> IsLess(Vector a, Vector b) {
+#ifdef __AVX2__
+  return a < b;
 #else
-  return a < b ? a : b;
+  using Half [[gnu::vector_size(16)]] = std::remove_cvref_t<decltype(a[0])>;
+  Half as[2];
+  Half bs[2];
+  __builtin_memcpy(as, &a, sizeof a);
+  __builtin_memcpy(bs, &b, sizeof b);
+  const decltype(as[0] < bs[0]) masks[] = {as[0] < bs[0], as[1] < bs[1]};
+  return Load<MaskOf<Vector> >(masks);
 #endif
 }
+template <typename Mask, typename Vector>
+[[gnu::always_inline]] inline Vector Select(Mask mask, Vector a, Vector b) {
+#ifdef __AVX2__
+  return mask ? a : b;
+#else
+  return reinterpret_cast<Vector>((mask & reinterpret_cast<Mask>(a)) |
+                                  (~mask & reinterpret_cast<Mask>(b)));
+#endif
+}
+// Of numbers.
+template <typename Vector>
+[[gnu::always_inline]] inline Vector Lesser(Vector a, Vector b) {
+  return Select(IsLess(a, b), a, b);
+}
+template <typename Vector>
+[[gnu::always_inline]] inline Vector Greater(Vector a, Vector b) {
+  return Select(IsLess(a, b), b, a);
+}
+#ifdef __AVX2__
+template <>
+[[gnu::always_inline]] inline Floats8 Lesser(Floats8 a, Floats8 b) {
+  return reinterpret_cast<Floats8>(
+      _mm256_min_ps(reinterpret_cast<__m256>(a), reinterpret_cast<__m256>(b)));
+}
+template <>
 [[gnu::always_inline]] inline Floats8 Greater(Floats8 a, Floats8 b) {
-#ifdef __AVX__
   return reinterpret_cast<Floats8>(
       _mm256_max_ps(reinterpret_cast<__m256>(a), reinterpret_cast<__m256>(b)));
+}
+#endif
+
+// Lays those of the first halves, and of the second, by turns.
+[[gnu::always_inline]] inline void Interleave(Int32x8 a, Int32x8 b, Int32x8& first,
+                                              Int32x8& second) {
+#ifdef __AVX2__
+  first = __builtin_shufflevector(a, b, 0, 8, 1, 9, 2, 10, 3, 11);
+  second = __builtin_shufflevector(a, b, 4, 12, 5, 13, 6, 14, 7, 15);
 #else
-  return a > b ? a : b;
+  Int32x4 as[2];
+  Int32x4 bs[2];
+  __builtin_memcpy(as, &a, sizeof a);
+  __builtin_memcpy(bs, &b, sizeof b);
+  Int32x8* const both[] = {&first, &second};
+  for (int k = 0; k < 2; ++k) {
+    const Int32x4 halves[] = {__builtin_shufflevector(as[k], bs[k], 0, 4, 1, 5),
+                              __builtin_shufflevector(as[k], bs[k], 2, 6, 3, 7)};
+    *both[k] = Load<Int32x8>(halves);
+  }
 #endif
 }
 
@@ -208,7 +261,9 @@ uint32_t GroupsOf(uint32_t first_row, uint32_t last_row) {
   return (2u << (last_row / kRowsPerGroup)) - (1u << (first_row / kRowsPerGroup));
 }
 
-Doubles4 Abs(Doubles4 x) { return x < 0 ? -x : x; }
+Doubles4 Abs(Doubles4 x) {
+  return reinterpret_cast<Doubles4>(reinterpret_cast<Longs4>(x) & INT64_MAX);
+}
 
 Doubles4 SquareRoot(Doubles4 x) {
 #if defined(__AVX__)
@@ -226,6 +281,7 @@ Doubles4 SquareRoot(Doubles4 x) {
 
 // Exchanges rows and columns.
 [[gnu::always_inline]] inline void Transpose(Doubles4 (&r)[4]) {
+#ifdef __AVX2__
   const Doubles4 low01 = __builtin_shufflevector(r[0], r[1], 0, 4, 2, 6);
   const Doubles4 high01 = __builtin_shufflevector(r[0], r[1], 1, 5, 3, 7);
   const Doubles4 low23 = __builtin_shufflevector(r[2], r[3], 0, 4, 2, 6);
@@ -234,6 +290,19 @@ Doubles4 SquareRoot(Doubles4 x) {
   r[1] = __builtin_shufflevector(high01, high23, 0, 1, 4, 5);
   r[2] = __builtin_shufflevector(low01, low23, 2, 3, 6, 7);
   r[3] = __builtin_shufflevector(high01, high23, 2, 3, 6, 7);
+#else
+  using Half [[gnu::vector_size(16)]] = double;
+  Half from[4][2];
+  __builtin_memcpy(from, r, sizeof r);
+  for (int k = 0; k < 2; ++k) {
+    const Half rows[2][2] = {{__builtin_shufflevector(from[0][k], from[1][k], 0, 2),
+                              __builtin_shufflevector(from[2][k], from[3][k], 0, 2)},
+                             {__builtin_shufflevector(from[0][k], from[1][k], 1, 3),
+                              __builtin_shufflevector(from[2][k], from[3][k], 1, 3)}};
+    r[2 * k] = Load<Doubles4>(rows[0]);
+    r[2 * k + 1] = Load<Doubles4>(rows[1]);
+  }
+#endif
 }
 
 // Likewise: lays the elements of the one half of the rows between those of the other, twice.

@@ -19,9 +19,13 @@ struct FourBeams {
 
 [[gnu::always_inline]] inline FourBeams LoadFour(const BeamMemory* beams, double knots_per_m) {
   const auto [x, y, dx, dy, range] = LoadPlaced(beams, knots_per_m);
-  const Longs4 is_steep = Abs(dy) >= Abs(dx);
-  return {is_steep,           is_steep ? y : x,   is_steep ? x : y,
-          is_steep ? dy : dx, is_steep ? dx : dy, range};
+  const Longs4 is_steep = ~IsLess(Abs(dy), Abs(dx));
+  return {is_steep,
+          Select(is_steep, y, x),
+          Select(is_steep, x, y),
+          Select(is_steep, dy, dx),
+          Select(is_steep, dx, dy),
+          range};
 }
 
 // The lines of four beams.
@@ -36,8 +40,9 @@ struct FourLines {
                                                 Doubles4 first_row, Doubles4 last_row) {
   using Table = FreeLineTable<int32_t>;
   const Doubles4 slope_index = Floor(slope * Table::kSlopesPerOne + 0.5);
-  const Doubles4 first_column = slope_index < 0 ? Doubles4{} + Table::FirstColumn(true)
-                                                : Doubles4{} + Table::FirstColumn(false);
+  const Doubles4 first_column =
+      Select(IsLess(slope_index, Doubles4{}), Doubles4{} + Table::FirstColumn(true),
+             Doubles4{} + Table::FirstColumn(false));
   constexpr double kOne = int64_t{1} << FreeLine::kFractionBits;
   constexpr double kHalfPhase = 0.5 / Table::kPhases;
   const Doubles4 column =
@@ -70,12 +75,12 @@ void SetFourLines(const BeamMemory* memory, const FreeLineModel& model, FreeLine
                   FreeLine* shallow_lines, LineCounts& counts) {
   const FourBeams beams = LoadFour(memory, model.knots_per_m);
   const Doubles4 length_or_less = beams.range - model.end_before_hit_knots;
-  const Longs4 has_length = length_or_less > 0;
-  const Doubles4 length = has_length ? length_or_less : Doubles4{};
-  const Doubles4 slope = beams.d_across / (has_length ? beams.d_along : Doubles4{} + 1);
+  const Longs4 has_length = IsLess(Doubles4{}, length_or_less);
+  const Doubles4 length = Select(has_length, length_or_less, Doubles4{});
+  const Doubles4 slope = beams.d_across / Select(has_length, beams.d_along, Doubles4{} + 1);
   const Doubles4 end = beams.along + length * beams.d_along;
-  const Doubles4 first_row = Floor(end < beams.along ? end : beams.along) + 1;
-  const Doubles4 last_row = Floor(end < beams.along ? beams.along : end);
+  const Doubles4 first_row = Floor(Lesser(end, beams.along)) + 1;
+  const Doubles4 last_row = Floor(Greater(end, beams.along));
   const FourLines lines = SetFour(beams, slope, first_row, last_row);
   for (int k = 0; k < 4; ++k) {
     const bool is_steep = beams.is_steep[k] != 0;
@@ -117,18 +122,19 @@ void SetFourFaceLines(const BeamMemory* memory, const Face* faces, double knots_
   Transpose(face_of);
   const auto [normal_x, normal_y, before, behind] = face_of;
   const Doubles4 length_or_less = beams.range - before;
-  const Doubles4 length = length_or_less > 0 ? length_or_less : Doubles4{};
-  const Longs4 is_forward = beams.d_along > 0;
-  const Doubles4 slope = beams.d_across / (beams.range > 0 ? beams.d_along : Doubles4{} + 1);
+  const Doubles4 length = Greater(length_or_less, Doubles4{});
+  const Longs4 is_forward = IsLess(Doubles4{}, beams.d_along);
+  const Longs4 has_length = IsLess(Doubles4{}, beams.range);
+  const Doubles4 slope = beams.d_across / Select(has_length, beams.d_along, Doubles4{} + 1);
 
   const Doubles4 begin_row = Floor(beams.along);
   const Doubles4 cut_row = Floor(beams.along + length * beams.d_along);
   const Doubles4 end = beams.along + (beams.range + behind) * beams.d_along;
   const Doubles4 end_row = Floor(end);
-  const FourLines free = SetFour(beams, slope, (is_forward ? begin_row : cut_row) + 1,
-                                 is_forward ? cut_row : begin_row);
-  const Doubles4 first_row = (is_forward ? cut_row : end_row) + 1;
-  const FourLines face = SetFour(beams, slope, first_row, is_forward ? end_row : cut_row);
+  const FourLines free = SetFour(beams, slope, Select(is_forward, begin_row, cut_row) + 1,
+                                 Select(is_forward, cut_row, begin_row));
+  const Doubles4 first_row = Select(is_forward, cut_row, end_row) + 1;
+  const FourLines face = SetFour(beams, slope, first_row, Select(is_forward, end_row, cut_row));
 
   const Doubles4 per_row_behind = 1 / (behind * beams.d_along);
   const Doubles4 part = (end - first_row) * per_row_behind;
@@ -136,8 +142,8 @@ void SetFourFaceLines(const BeamMemory* memory, const Face* faces, double knots_
   // How far the first control point lies behind the face.
   constexpr double kSharePerKnot =
       SignedDistance::kWholeShare / (SignedDistance::kFrontKnots + SignedDistance::kBackKnots);
-  const Doubles4 per_row = (beams.is_steep ? normal_y : normal_x) * kSharePerKnot;
-  const Doubles4 per_column = (beams.is_steep ? normal_x : normal_y) * kSharePerKnot;
+  const Doubles4 per_row = Select(beams.is_steep, normal_y, normal_x) * kSharePerKnot;
+  const Doubles4 per_column = Select(beams.is_steep, normal_x, normal_y) * kSharePerKnot;
   const Doubles4 share = (first_row - (beams.along + beams.range * beams.d_along)) * per_row +
                          (face.cell - (beams.across + beams.range * beams.d_across)) * per_column +
                          SignedDistance::kFrontKnots * kSharePerKnot;

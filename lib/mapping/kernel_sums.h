@@ -38,9 +38,25 @@ static_assert(kBlockRows / 2 == 64);
   const Words numbers = {0, 1, 2, 3, 4, 5, 6, 7};
   Words columns = x + numbers * columns_per_pair;
   for (uint32_t n = 0; n < pairs; n += 8, columns += 8 * columns_per_pair) {
-    const auto signs = reinterpret_cast<__m256>(
-        (Load<Words>(of_pairs + n) >> (columns >> kCellShift)) << 31);
+    const auto signs =
+        reinterpret_cast<__m256>((Load<Words>(of_pairs + n) >> (columns >> kCellShift)) << 31);
     is_left_out |= uint64_t{static_cast<uint32_t>(_mm256_movemask_ps(signs))} << n;
+  }
+#elif defined(__SSE2__)
+  // Without shifts by other numbers for each, bits are 2^cell as floats converted; 2^31 overflows
+  // to just that bit.
+  const Int32x4 numbers = {0, 1, 2, 3};
+  Int32x4 columns = static_cast<int32_t>(x) + numbers * static_cast<int32_t>(columns_per_pair);
+  for (uint32_t n = 0; n < pairs; n += 4, columns += 4 * static_cast<int32_t>(columns_per_pair)) {
+    constexpr int32_t kOne = 127 << 23;
+    const auto cells =
+        reinterpret_cast<Int32x4>(_mm_srli_epi32(reinterpret_cast<__m128i>(columns), kCellShift));
+    const __m128i bits = _mm_cvttps_epi32(reinterpret_cast<__m128>((cells << 23) + kOne));
+    const __m128i is_added = _mm_cmpeq_epi32(
+        _mm_and_si128(bits, _mm_loadu_si128(reinterpret_cast<const __m128i*>(of_pairs + n))),
+        _mm_setzero_si128());
+    is_left_out |= uint64_t{static_cast<uint32_t>(_mm_movemask_ps(_mm_castsi128_ps(is_added))) ^ 15}
+                   << n;
   }
 #else
   for (uint32_t n = 0; n < pairs; ++n, x += columns_per_pair) {
@@ -74,8 +90,7 @@ void AddLine(const FreeLine& line, const Sum* table, SumPlane<Sum>& plane) {
     row += static_cast<int32_t>(rows);
     left -= rows;
 
-    uint64_t pairs =
-        PairsToAdd(block->marks, first_row, (rows + 1) / 2, first_x, columns_per_pair);
+    uint64_t pairs = PairsToAdd(block->marks, first_row, (rows + 1) / 2, first_x, columns_per_pair);
     while (pairs != 0) {
       // A run of them, [first, end).
       const auto first = static_cast<uint32_t>(__builtin_ctzll(pairs));
@@ -111,8 +126,9 @@ void AddLine(const FreeLine& line, const Sum* table, SumPlane<Sum>& plane) {
           static_cast<int32_t>(((x < run_x ? run_x : x) + kLastColumn) >> kTileShift);
       const Int32x8 tile = {0, 1, 2, 3, 4, 5, 6, 7};
       static_assert(sizeof block->touched == sizeof tile);
-      Store(Load<Int32x8>(block->touched) |
-                ((tile >= first_tile) & (tile <= last_tile) & static_cast<int32_t>(groups)),
+      const Int32x8 is_touched =
+          IsLess(Int32x8{} + (first_tile - 1), tile) & IsLess(tile, Int32x8{} + (last_tile + 1));
+      Store(Load<Int32x8>(block->touched) | (is_touched & static_cast<int32_t>(groups)),
             block->touched);
     }
   }
@@ -178,7 +194,7 @@ void AddFace(const FaceLine& face, const int32_t* table, SumPlane<FaceSum>& plan
   Store((column >> kPhaseShift) & (LineTable::kPhases - 1), phase_of_row);
   const Int32x8 weights =
       face.weight * __builtin_convertvector(part * part * (1 << kPartBits), Int32x8);
-  Store(n < line.rows ? weights : Int32x8{}, weight_of_row);
+  Store(weights & IsLess(n, Int32x8{} + line.rows), weight_of_row);
   Store(face.share + __builtin_convertvector(cells, Floats8) * face.share_per_column +
             n_float * face.share_per_row,
         share_of_row);
@@ -188,17 +204,21 @@ void AddFace(const FaceLine& face, const int32_t* table, SumPlane<FaceSum>& plan
   const Floats8 share_of_columns =
       (static_cast<float>(skipped) + Floats8{0, 1, 2, 3, 0, 1, 2, 3}) * face.share_per_column;
   const auto add_pair = [&](int32_t a, int32_t b, FaceSum* to_a, FaceSum* to_b) {
-    const auto in_whole = __builtin_shufflevector(
+    const Integers4 in_whole_rows[] = {
         Load<Integers4>(rows + phase_of_row[a] * FaceLineTable::kWidth),
-        Load<Integers4>(rows + phase_of_row[b] * FaceLineTable::kWidth), 0, 1, 2, 3, 4, 5, 6, 7);
+        Load<Integers4>(rows + phase_of_row[b] * FaceLineTable::kWidth)};
+    const auto in_whole = Load<Int32x8>(in_whole_rows);
     const Int32x8 weight =
         (in_whole * SpreadTwo<Int32x8>(weight_of_row[a], weight_of_row[b])) >> kPartBits;
     Floats8 share = SpreadTwo<Floats8>(share_of_row[a], share_of_row[b]) + share_of_columns;
     share = Lesser(Greater(share, Floats8{}), Floats8{} + kWhole);
     static_assert(SignedDistance::kWholeShare == 1 << 8);
     const Int32x8 occupied = (weight * __builtin_convertvector(share, Int32x8)) >> 8;
-    AddTo(__builtin_shufflevector(weight, occupied, 0, 8, 1, 9, 2, 10, 3, 11), to_a);
-    AddTo(__builtin_shufflevector(weight, occupied, 4, 12, 5, 13, 6, 14, 7, 15), to_b);
+    Int32x8 of_a;
+    Int32x8 of_b;
+    Interleave(weight, occupied, of_a, of_b);
+    AddTo(of_a, to_a);
+    AddTo(of_b, to_b);
   };
   const int32_t last = line.rows - 1;
   const int32_t first_row = line.first_row & (kBlockRows - 1);

@@ -6,6 +6,9 @@ namespace plain {
 extern const ScanKernel kScanKernel;
 }
 #ifdef __x86_64__
+namespace sse4 {
+extern const ScanKernel kScanKernel;
+}
 namespace avx2 {
 extern const ScanKernel kScanKernel;
 }
@@ -23,6 +26,7 @@ const std::vector<ScanKernel>& ScanKernels() {
   static const std::vector<ScanKernel> kernels = [] {
     std::vector<ScanKernel> runnable{plain::kScanKernel};
 #ifdef __x86_64__
+    if (__builtin_cpu_supports("sse4.1")) runnable.push_back(sse4::kScanKernel);
     if (__builtin_cpu_supports("avx2")) runnable.push_back(avx2::kScanKernel);
     if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
         __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {

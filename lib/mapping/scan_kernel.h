@@ -126,7 +126,7 @@ struct TileKernel {
 
 // The inner loops of mapping, compiled for one instruction set. All of them give the same bytes.
 struct ScanKernel {
-  const char* name;  // "plain", "avx2", "avx512", "neon"
+  const char* name;  // "plain", "sse4", "avx2", "avx512", "neon"
 
   // Sets steep_lines and shallow_lines, arrays for count + 1 lines each, to the free part of the
   // beams that are steep to the x axis (rows of constant y), and of those steep to the y axis.
