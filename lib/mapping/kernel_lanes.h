@@ -236,6 +236,15 @@ template <>
 }
 #endif
 
+[[gnu::always_inline]] inline Int32x8 Joined(Integers4 a, Integers4 b) {
+#ifdef __AVX2__
+  return __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7);
+#else
+  const Integers4 both[] = {a, b};
+  return Load<Int32x8>(both);
+#endif
+}
+
 // Lays those of the first halves, and of the second, by turns.
 [[gnu::always_inline]] inline void Interleave(Int32x8 a, Int32x8 b, Int32x8& first,
                                               Int32x8& second) {

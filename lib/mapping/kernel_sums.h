@@ -58,6 +58,14 @@ static_assert(kBlockRows / 2 == 64);
     is_left_out |= uint64_t{static_cast<uint32_t>(_mm_movemask_ps(_mm_castsi128_ps(is_added))) ^ 15}
                    << n;
   }
+#elif defined(SPLINEMAP_NEON)
+  using Words [[gnu::vector_size(16)]] = uint32_t;
+  const Words numbers = {0, 1, 2, 3};
+  Words columns = x + numbers * columns_per_pair;
+  for (uint32_t n = 0; n < pairs; n += 4, columns += 4 * columns_per_pair) {
+    const Words bits = ((Load<Words>(of_pairs + n) >> (columns >> kCellShift)) & 1) << numbers;
+    is_left_out |= uint64_t{vaddvq_u32(reinterpret_cast<uint32x4_t>(bits))} << n;
+  }
 #else
   for (uint32_t n = 0; n < pairs; ++n, x += columns_per_pair) {
     is_left_out |= uint64_t{of_pairs[n] >> (x >> kCellShift) & 1} << n;
@@ -204,10 +212,9 @@ void AddFace(const FaceLine& face, const int32_t* table, SumPlane<FaceSum>& plan
   const Floats8 share_of_columns =
       (static_cast<float>(skipped) + Floats8{0, 1, 2, 3, 0, 1, 2, 3}) * face.share_per_column;
   const auto add_pair = [&](int32_t a, int32_t b, FaceSum* to_a, FaceSum* to_b) {
-    const Integers4 in_whole_rows[] = {
-        Load<Integers4>(rows + phase_of_row[a] * FaceLineTable::kWidth),
-        Load<Integers4>(rows + phase_of_row[b] * FaceLineTable::kWidth)};
-    const auto in_whole = Load<Int32x8>(in_whole_rows);
+    const Int32x8 in_whole =
+        Joined(Load<Integers4>(rows + phase_of_row[a] * FaceLineTable::kWidth),
+               Load<Integers4>(rows + phase_of_row[b] * FaceLineTable::kWidth));
     const Int32x8 weight =
         (in_whole * SpreadTwo<Int32x8>(weight_of_row[a], weight_of_row[b])) >> kPartBits;
     Floats8 share = SpreadTwo<Floats8>(share_of_row[a], share_of_row[b]) + share_of_columns;
