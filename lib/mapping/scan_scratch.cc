@@ -4,6 +4,7 @@
 #include <cstring>
 #include <utility>
 
+#include "lib/base/read_section.h"
 #include "lib/mapping/beam_memory.h"
 
 namespace splinemap {
@@ -189,7 +190,7 @@ void ScanScratch::CommitSums(const Commit& commit, ControlLimits scan_limits) {
 }
 
 void ScanScratch::CommitDistances(const Commit& commit) {
-  static const auto kUntouched = std::make_shared<const Tile>();
+  static const Tile kUntouched;
   Tile result;
   AddUnsettledLines(commit);
   ForEachTouched(faces_.upright, [&](TouchedTile<FaceSum> tile) {
@@ -201,7 +202,8 @@ void ScanScratch::CommitDistances(const Commit& commit) {
         faces_.upright.Find(tile.tx, tile.ty >> SumBlock<FaceSum>::kUpBits);
     const int up = tile.ty & (SumBlock<FaceSum>::kUp - 1);
     const StoredTile* const stored = commit.tiles.tree().Find(key);
-    std::shared_ptr<const Tile> from = stored == nullptr ? kUntouched : stored->TryGet();
+    const ReadSection section;  // for what leaves memory meanwhile
+    const Tile* const from = stored == nullptr ? &kUntouched : stored->TryRead(section);
     // What cannot be read, which its source tells, stays as it is: no scan writes over it.
     const bool is_readable = from != nullptr;
     TileCells settled = stored == nullptr ? 0 : stored->SettledCells();
@@ -209,7 +211,7 @@ void ScanScratch::CommitDistances(const Commit& commit) {
     const bool is_changed = kernel_.commit_distances(
         tile.sums, tile.groups, faces == nullptr ? nullptr : faces->TileAt(0, up),
         faces == nullptr ? 0 : faces->marks.of_tile[up], commit.limits,
-        (is_readable ? *from : *kUntouched).control_points.data(), result.control_points.data(),
+        (is_readable ? *from : kUntouched).control_points.data(), result.control_points.data(),
         settled);
     if (!is_changed || !is_readable || !commit.is_taken(key)) return;
     for (int group = 0; group < RowGroups::kPerTile; ++group) {
@@ -218,7 +220,6 @@ void ScanScratch::CommitDistances(const Commit& commit) {
       std::memcpy(&result.control_points[group * kPoints], &from->control_points[group * kPoints],
                   kPoints * sizeof(ControlPoint));
     }
-    from = nullptr;  // so that the tile is written in place where nobody else has it
     StoredTile& edited = commit.tiles.Edit(key, commit.revision);
     edited.Edit() = result;
     edited.SetSettledCells(settled);

@@ -72,11 +72,12 @@ Tile& StoredTile::Edit() {
   if (!is_own_ || tile_.use_count() > 1) {
     tile_ = std::make_shared<Tile>(*tile_);
     is_own_ = true;
-    content_ = tile_.get();
+    content_.store(tile_.get(), std::memory_order_relaxed);
   }
-  checksum_ = 0;
-  touched_ = 0;
-  is_settled_known_ = false;
+  // Nobody else has this object, and who gets it sees all that was written before.
+  checksum_.store(0, std::memory_order_relaxed);
+  touched_.store(0, std::memory_order_relaxed);
+  is_settled_known_.store(false, std::memory_order_relaxed);
   return const_cast<Tile&>(*tile_);
 }
 
@@ -109,11 +110,6 @@ TileCells StoredTile::FindSettledCells() const {
   settled_.store(cells, std::memory_order_relaxed);
   is_settled_known_.store(true, std::memory_order_release);
   return cells;
-}
-
-void StoredTile::SetSettledCells(TileCells cells) {
-  settled_ = cells;
-  is_settled_known_ = true;
 }
 
 bool StoredTile::HasSource() const {

@@ -35,15 +35,15 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
   std::shared_ptr<const Tile> Get() const;
   // The same for as long as the section; faster, for the library's own queries.
   const Tile& Read(const ReadSection&) const {
-    const Tile* const content = content_.load(std::memory_order_acquire);
-    if (content == nullptr) return *Get();
-    if (!was_used_.load(std::memory_order_relaxed)) {
-      was_used_.store(true, std::memory_order_relaxed);
-    }
-    return *content;
+    const Tile* const content = ContentInMemory();
+    return content != nullptr ? *content : *Get();
   }
   // Null where it cannot be read. For those who write what they make of it.
   std::shared_ptr<const Tile> TryGet() const;
+  const Tile* TryRead(const ReadSection&) const {
+    const Tile* const content = ContentInMemory();
+    return content != nullptr ? content : TryGet().get();
+  }
   // The content to be written. Requires that it has no source, and that nobody else has this
   // object.
   Tile& Edit();
@@ -58,7 +58,10 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
                : FindSettledCells();
   }
   // From who has edited it, and knows. Requires what Edit() does.
-  void SetSettledCells(TileCells cells);
+  void SetSettledCells(TileCells cells) {
+    settled_.store(cells, std::memory_order_relaxed);
+    is_settled_known_.store(true, std::memory_order_relaxed);
+  }
 
   bool HasSource() const;
   // The number at `source`; 0 where it has another source or none.
@@ -74,6 +77,14 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
   class Guard;
 
   bool SetSource(std::shared_ptr<TileSource> source, int64_t number, bool only_first) const;
+  // Null where it is not there.
+  const Tile* ContentInMemory() const {
+    const Tile* const content = content_.load(std::memory_order_acquire);
+    if (content != nullptr && !was_used_.load(std::memory_order_relaxed)) {
+      was_used_.store(true, std::memory_order_relaxed);
+    }
+    return content;
+  }
   TileCells FindSettledCells() const;
   bool IsCounted() const;
   enum class Eviction { kDone, kWasUsed, kNothingToDo };
