@@ -44,19 +44,26 @@ int32_t GapOfBlocks(int blocks) {
   return blocks == 0 ? 0 : kBlockUnits * (std::abs(blocks) - 1) + 1;
 }
 
-// How far, squared, what is nearest to a vertex of a block may be, if something is so far from its
-// centre.
-int32_t EndSquared(int32_t squared) {
-  constexpr double kToCorner = std::numbers::sqrt2 * (kBlockUnits - kUnits) / 2;
-  return static_cast<int32_t>(std::ceil(std::pow(std::sqrt(squared) + kToCorner, 2)));
-}
+Site SiteAt(int x, int y) { return {static_cast<int16_t>(x), static_cast<int16_t>(y)}; }
 
-Site CentreOf(int x, int y) { return {2 * x + 1, 2 * y + 1}; }
+Site CentreOf(int x, int y) { return SiteAt(2 * x + 1, 2 * y + 1); }
 
 // Calls f(x) for each bit of a row.
 template <typename Function>
 void ForEachBit(uint32_t bits, Function f) {
   for (; bits != 0; bits &= bits - 1) f(std::countr_zero(bits));
+}
+
+// Of a block, in the units of sites.
+Site VertexAt(const VertexBlock& block, int vertex) {
+  return SiteAt(kUnits * (block.x0 + vertex % VertexBlock::kSide),
+                kUnits * (block.y0 + vertex / VertexBlock::kSide));
+}
+
+void PutOffsets(const BlockOffsets& of_block, Offset* offsets) {
+  for (int y = 0; y < VertexBlock::kSide; ++y) {
+    std::copy_n(&of_block[VertexBlock::kSide * y], VertexBlock::kSide, offsets + Tile::kSide * y);
+  }
 }
 
 uint32_t PartOf(Row row, int bx) { return static_cast<uint32_t>(row >> (kSquaresOfBlock * bx)); }
@@ -136,9 +143,8 @@ DistanceField DistanceFieldEditor::Update(std::shared_ptr<const MapView> map) {
     for (const Change& change : changes) {
       if (change.came == came) UpdateNear(change, marked);
     }
-  }
-  for (const auto& [key, blocks] : marked) {
-    if (blocks != 0) UpdateTile(key, blocks);
+    for (const auto& [key, blocks] : marked) FillTile(key, blocks);
+    marked.clear();
   }
   map_ = std::move(map);
 
@@ -262,6 +268,11 @@ class DistanceFieldEditor::TileNeighborhood {
   Row LeftOf(int y) const { return RowOf(1, y) << 1 | RowOf(0, y) >> (kSide - 1); }
   Row RightOf(int y) const { return RowOf(1, y) >> 1 | RowOf(2, y) << (kSide - 1); }
 
+  // The squares of a block of row bx, and before these the one on its left.
+  uint64_t FromLeftOf(int y, int bx) const {
+    return uint64_t{PartOf(At(y), bx)} << 1 | (PartOf(LeftOf(y), bx) & 1);
+  }
+
   // Those that do not lie between four others.
   Row Rim(int y) const { return At(y) & ~(LeftOf(y) & RightOf(y) & At(y - 1) & At(y + 1)); }
 
@@ -290,7 +301,7 @@ void DistanceFieldEditor::UpdateRims(absl::Span<const Change> changes) {
     const auto found = obstacles_.find(key);
     if (found == obstacles_.end()) continue;
     Obstacles& obstacles = *found->second;
-    obstacles.boundary.size = 0;
+    obstacles.boundary.clear();
     const TileNeighborhood surroundings(*this, key);
     std::array<Row, ObstacleSquares::kSide> rows;
     std::array<Row, kBlocks> any{};  // by row of blocks
@@ -304,16 +315,16 @@ void DistanceFieldEditor::UpdateRims(absl::Span<const Change> changes) {
       const int y1 = PartOf(any[block / kBlocks], block % kBlocks) == 0 ? y0 : y0 + kSquaresOfBlock;
       for (int y = y0; y < y1; ++y) {
         ForEachBit(PartOf(rows[y], block % kBlocks),
-                   [&](int x) { obstacles.boundary.Add(CentreOf(x0 + x, y)); });
+                   [&](int x) { obstacles.boundary.push_back(CentreOf(x0 + x, y)); });
       }
-      obstacles.ends[block + 1] = static_cast<int>(obstacles.boundary.size);
+      obstacles.ends[block + 1] = static_cast<int>(obstacles.boundary.size());
     }
   }
 }
 
-// Takes squares that came where they are the nearest. Marks the blocks that have to be made anew:
-// those with a vertex that had one that went, those of new tiles, and those where one is as near as
-// another, since the order in which they are gathered decides between these.
+// Takes squares that came where they are the nearest, and those that went away. Marks the blocks
+// whose vertices then have to look around: those with a vertex that had one that went, and those of
+// new tiles.
 void DistanceFieldEditor::UpdateNear(const Change& change,
                                      absl::flat_hash_map<TileKey, BlockMask>& marked) {
   const auto sites = absl::MakeConstSpan(changed_).subspan(change.begin, change.end - change.begin);
@@ -325,34 +336,46 @@ void DistanceFieldEditor::UpdateNear(const Change& change,
       if (Square(x) + Square(y) > Square(reach_) || !IsInRange(key)) continue;
       if (options_.unknown == UnknownPolicy::kBlocked && !obstacles_.contains(key)) continue;
       const DistanceTile* found = tiles_.tree().Find(key);
+      if (found == nullptr && !change.came) continue;
       const DistanceTile* tile = found == nullptr ? nothing_near_.get() : found;
       BlockMask near = BlocksNear(change, key, *tile);
       if (near == 0) continue;
       BlockMask& blocks = marked[key];
-      near &= ~blocks;
+      if (found == nullptr) near &= ~blocks;
       for (; near != 0; near &= near - 1) {
         const int block = std::countr_zero(near);
         const VertexBlock vertices = BlockOf(block);
         const VertexBlock from_change{Tile::kSide * dx + vertices.x0,
                                       Tile::kSide * dy + vertices.y0};
         const int index = IndexInTile(vertices.x0, vertices.y0);
-        const SiteOffset* offsets = &tile->nearest[index];
-        if (!change.came) {
-          if (HasAny(sites, from_change, offsets)) blocks |= near & -near;
+        // Most squares are hidden from all of the block by what is near one of its vertices.
+        const int middle = VertexBlock::kSize / 2 + VertexBlock::kSide / 2;
+        absl::Span<const Site> seen = sites;
+        const Offset offset = tile->nearest[index + IndexInTile(4, 4)];
+        if (offset.x != Offset::kNone && offset != kLost) {
+          const Site vertex = VertexAt(from_change, middle);
+          seen = some_sites_.NotHidden(
+              sites, {VertexAt(from_change, 0), VertexAt(from_change, VertexBlock::kSize - 1)},
+              SiteAt(vertex.x + offset.x, vertex.y + offset.y));
+          if (seen.empty()) continue;
+        }
+        BlockOffsets offsets;
+        int32_t longest = tile->longest[block];
+        if (change.came) {
+          NearestSites nearest(NearestSites::Of::kAllVertices, &tile->nearest[index],
+                               Square(reach_));
+          if (!nearest.Add(seen, from_change)) continue;
+          offsets = nearest.Offsets();
+          longest = nearest.LongestSquared();
+        } else if (!TakeAway(seen, from_change, &tile->nearest[index], offsets)) {
           continue;
         }
-        const WithSites with_sites = AddToBlock(sites, from_change, offsets, Square(reach_));
-        if (with_sites.is_any_as_near || (with_sites.is_any_nearer && found == nullptr)) {
-          blocks |= near & -near;
-        } else if (with_sites.is_any_nearer) {
-          DistanceTile& edited = tiles_.Edit(key, 0);
-          for (int row = 0; row < VertexBlock::kSide; ++row) {
-            std::copy_n(&with_sites.offsets[VertexBlock::kSide * row], VertexBlock::kSide,
-                        &edited.nearest[index + Tile::kSide * row]);
-          }
-          edited.longest[block] = with_sites.longest_squared;
-          tile = &edited;
-        }
+        if (found == nullptr || !change.came) blocks |= near & -near;
+        if (found == nullptr) continue;
+        DistanceTile& edited = tiles_.Edit(key, 0);
+        PutOffsets(offsets, &edited.nearest[index]);
+        edited.longest[block] = longest;
+        tile = &edited;
       }
     }
   }
@@ -379,18 +402,21 @@ DistanceFieldEditor::BlockMask DistanceFieldEditor::BlocksNear(const Change& cha
   return blocks;
 }
 
-// The reach where nothing is near.
-int32_t DistanceFieldEditor::SquaredLength(const Offset& offset) const {
-  return offset.x == Offset::kNone ? Square(reach_) : Square(offset.x) + Square(offset.y);
-}
-
-void DistanceFieldEditor::UpdateTile(TileKey key, BlockMask blocks) {
+void DistanceFieldEditor::FillTile(TileKey key, BlockMask blocks) {
+  if (blocks == 0) return;
   const DistanceTile* before = tiles_.tree().Find(key);
   DistanceTile tile = before == nullptr ? *nothing_near_ : *before;
   FindObstaclesAround(key);
   const TileNeighborhood surroundings(*this, key);
   for (int block = 0; block < kBlocks * kBlocks; ++block) {
-    if ((blocks >> block & 1) != 0) UpdateBlock(BlockOf(block), surroundings, tile);
+    if ((blocks >> block & 1) == 0) continue;
+    const VertexBlock vertices = BlockOf(block);
+    if (before == nullptr) {
+      BlockOffsets all_lost;
+      all_lost.fill(kLost);
+      PutOffsets(all_lost, &tile.nearest[IndexInTile(vertices.x0, vertices.y0)]);
+    }
+    FillBlock(vertices, surroundings, tile);
   }
   if (tile != *nothing_near_) {
     tiles_.Edit(key, 0) = tile;
@@ -399,41 +425,40 @@ void DistanceFieldEditor::UpdateTile(TileKey key, BlockMask blocks) {
   }
 }
 
-void DistanceFieldEditor::UpdateBlock(const VertexBlock& block,
-                                      const TileNeighborhood& surroundings, DistanceTile& tile) {
-  GatherSitesAround(block);
-  const bool is_any = sites_.size > 0;
-  std::array<Site, VertexBlock::kSize> nearest{};
-  if (is_any) nearest = nearest_sites_.Find(sites_, block);
-  int32_t longest = 0;
+// Finds what is nearest to the vertices that lost what they had.
+void DistanceFieldEditor::FillBlock(const VertexBlock& block, const TileNeighborhood& surroundings,
+                                    DistanceTile& tile) {
+  Offset* offsets = &tile.nearest[IndexInTile(block.x0, block.y0)];
+  const int bx = block.x0 / VertexBlock::kSide;
+  uint64_t lost = 0;
   for (int y = 0; y < VertexBlock::kSide; ++y) {
-    Offset* offsets = &tile.nearest[IndexInTile(block.x0, block.y0 + y)];
-    for (int x = 0; x < VertexBlock::kSide; ++x) {
-      const Site& site = nearest[VertexBlock::kSide * y + x];
-      const Site way{site.x - kUnits * (block.x0 + x), site.y - kUnits * (block.y0 + y)};
-      const bool is_near = is_any && Square(way.x) + Square(way.y) <= Square(reach_);
-      offsets[x] =
-          is_near ? Offset{static_cast<int16_t>(way.x), static_cast<int16_t>(way.y)} : Offset();
-    }
     // The squares that have a vertex as their corner: no other is nearer, and not all of them have
     // to be at the boundary.
     const int above = ObstacleSquares::kPerKnot * (block.y0 + y);
-    const int bx = block.x0 / VertexBlock::kSide;
-    const std::array<uint32_t, 4> corners{
-        PartOf(surroundings.LeftOf(above - 1), bx), PartOf(surroundings.At(above - 1), bx),
-        PartOf(surroundings.LeftOf(above), bx), PartOf(surroundings.At(above), bx)};
-    constexpr uint32_t kVertices = 0x11111111;
-    for (int k = 3; k >= 0; --k) {
-      ForEachBit(corners[k] & kVertices, [&](int bit) {
-        offsets[bit / ObstacleSquares::kPerKnot] = {static_cast<int16_t>(k % 2 == 0 ? -1 : 1),
-                                                    static_cast<int16_t>(k < 2 ? -1 : 1)};
-      });
-    }
+    const uint64_t low_squares = surroundings.FromLeftOf(above - 1, bx);
+    const uint64_t high_squares = surroundings.FromLeftOf(above, bx);
     for (int x = 0; x < VertexBlock::kSide; ++x) {
-      longest = std::max(longest, SquaredLength(offsets[x]));
+      Offset& offset = offsets[Tile::kSide * y + x];
+      if (offset != kLost) continue;
+      const int at = ObstacleSquares::kPerKnot * x;
+      const uint32_t corners = (low_squares >> at & 3) | (high_squares >> at & 3) << 2;
+      if (corners == 0) {
+        lost |= uint64_t{1} << (VertexBlock::kSide * y + x);
+        continue;
+      }
+      const int first = std::countr_zero(corners);
+      offset = {static_cast<int16_t>(first % 2 == 0 ? -1 : 1),
+                static_cast<int16_t>(first < 2 ? -1 : 1)};
     }
   }
-  tile.longest[kBlocks * (block.y0 / VertexBlock::kSide) + block.x0 / VertexBlock::kSide] = longest;
+  if (lost != 0) {
+    NearestSites nearest(NearestSites::Of::kLostOnes, offsets, Square(reach_));
+    AddSitesOfNeighbors(block, lost, tile, nearest);
+    AddSitesAround(block, lost, nearest);
+    PutOffsets(nearest.Offsets(), offsets);
+  }
+  tile.longest[kBlocks * (block.y0 / VertexBlock::kSide) + bx] =
+      NearestSites(NearestSites::Of::kAllVertices, offsets, Square(reach_)).LongestSquared();
 }
 
 // Those of the tiles within reach.
@@ -453,44 +478,96 @@ void DistanceFieldEditor::FindObstaclesAround(TileKey key) {
              around_.ty1 - key.ty};
 }
 
-// All that can be nearest to a vertex of the block: ring by ring of the blocks around it, until
-// what is there is farther from all of them than the nearest so far.
-void DistanceFieldEditor::GatherSitesAround(const VertexBlock& block) {
-  constexpr int32_t kHalf = (kBlockUnits - kUnits) / 2;
-  sites_.size = 0;
+// What vertices beside those that lost theirs have is near these, too: it bounds what else may be.
+void DistanceFieldEditor::AddSitesOfNeighbors(const VertexBlock& block, uint64_t lost,
+                                              const DistanceTile& tile, NearestSites& nearest) {
+  constexpr uint64_t kFirstColumn = 0x0101010101010101;
+  constexpr uint64_t kLastColumn = kFirstColumn << (VertexBlock::kSide - 1);
+  struct Side {
+    int dx;
+    int dy;
+    uint64_t lost_there;
+  };
+  const Side sides[] = {{1, 0, (lost & ~kFirstColumn) >> 1},
+                        {-1, 0, (lost & ~kLastColumn) << 1},
+                        {0, 1, lost >> VertexBlock::kSide},
+                        {0, -1, lost << VertexBlock::kSide}};
+  sites_.clear();
+  for (const Side& side : sides) {
+    for (uint64_t rest = lost & ~side.lost_there; rest != 0; rest &= rest - 1) {
+      const int vertex = std::countr_zero(rest);
+      const int x = block.x0 + vertex % VertexBlock::kSide + side.dx;
+      const int y = block.y0 + vertex / VertexBlock::kSide + side.dy;
+      if (x < 0 || y < 0 || x >= Tile::kSide || y >= Tile::kSide) continue;
+      const Offset& offset = tile.nearest[IndexInTile(x, y)];
+      if (offset.x == Offset::kNone || offset == kLost) continue;
+      const Site site = SiteAt(kUnits * x + offset.x, kUnits * y + offset.y);
+      if (sites_.empty() || sites_.back() != site) sites_.push_back(site);
+    }
+  }
+  nearest.Add(sites_, block);
+}
+
+// All that can be nearest to a vertex that lost what it had: ring by ring of the blocks around it,
+// until what is there is farther from all of them than the nearest so far.
+void DistanceFieldEditor::AddSitesAround(const VertexBlock& block, uint64_t lost,
+                                         NearestSites& nearest) {
+  uint64_t columns = lost | lost >> 32;
+  columns |= columns >> 16;
+  columns = (columns | columns >> 8) & 0xFF;
+  const int first_row = std::countr_zero(lost) / VertexBlock::kSide;
+  const int last_row = (63 - std::countl_zero(lost)) / VertexBlock::kSide;
+  const Site low = VertexAt(block, VertexBlock::kSide * first_row + std::countr_zero(columns));
+  const Site high = VertexAt(block, VertexBlock::kSide * last_row + 63 - std::countl_zero(columns));
+  // One of them, in the middle.
+  uint64_t upper = lost;
+  for (int n = std::popcount(lost) / 2; n > 0; --n) upper &= upper - 1;
+  const int middle = std::countr_zero(upper);
   const int bx = block.x0 / VertexBlock::kSide;
   const int by = block.y0 / VertexBlock::kSide;
-  const Site centre{kUnits * block.x0 + kHalf, kUnits * block.y0 + kHalf};
-  int32_t end_squared = Square(reach_);
-  int32_t least = std::numeric_limits<int32_t>::max();
   // Of the blocks around, from this one.
   const int left = kBlocks * around_.tx0 - bx;
   const int right = kBlocks * around_.tx1 - bx - 1;
-  const int low = kBlocks * around_.ty0 - by;
-  const int high = kBlocks * around_.ty1 - by - 1;
-  const int first = std::max({left, -right, low, -high, 0});
-  const int last = std::max({-left, right, -low, high});
+  const int bottom = kBlocks * around_.ty0 - by;
+  const int top = kBlocks * around_.ty1 - by - 1;
+  const int first = std::max({left, -right, bottom, -top, 0});
+  const int last = std::max({-left, right, -bottom, top});
+  int32_t end_squared = nearest.LongestSquared();
   for (int ring = first; ring <= last && Square(GapOfBlocks(ring)) <= end_squared; ++ring) {
-    for (int dy = std::max(-ring, low); dy <= std::min(ring, high); ++dy) {
+    for (int dy = std::max(-ring, bottom); dy <= std::min(ring, top); ++dy) {
+      const int32_t y0 = kBlockUnits * (by + dy);
+      const int32_t squared_y = Square(Gap(y0 + 1, y0 + kBlockUnits - 1, low.y, high.y));
+      if (squared_y > end_squared) continue;
       const int step = std::abs(dy) == ring ? 1 : 2 * ring;
       for (int dx = -ring; dx <= ring; dx += step) {
         if (dx < left || dx > right) continue;
-        if (Square(GapOfBlocks(dx)) + Square(GapOfBlocks(dy)) > end_squared) continue;
-        const int x = bx + dx;
-        const int y = by + dy;
-        const int tx = x >> 2;
-        const int ty = y >> 2;
+        const int32_t x0 = kBlockUnits * (bx + dx);
+        const int32_t squared_x = Square(Gap(x0 + 1, x0 + kBlockUnits - 1, low.x, high.x));
+        if (squared_x + squared_y > end_squared) continue;
+        const int tx = (bx + dx) >> 2;
+        const int ty = (by + dy) >> 2;
         const Obstacles* obstacles =
             obstacles_around_[(ty - around_.ty0) * (around_.tx1 - around_.tx0) + tx - around_.tx0];
         if (obstacles == nullptr) continue;
-        const int k = kBlocks * (y & (kBlocks - 1)) + (x & (kBlocks - 1));
-        if (obstacles->ends[k] == obstacles->ends[k + 1]) continue;
-        const int32_t least_here =
-            AddSites(obstacles->boundary, obstacles->ends[k], obstacles->ends[k + 1],
-                     {kTileUnits * tx, kTileUnits * ty}, centre, sites_);
-        if (least_here >= least) continue;
-        least = least_here;
-        end_squared = std::min(Square(reach_), EndSquared(least));
+        const int k = kBlocks * ((by + dy) & (kBlocks - 1)) + ((bx + dx) & (kBlocks - 1));
+        const int begin = obstacles->ends[k];
+        const int count = obstacles->ends[k + 1] - begin;
+        if (count == 0) continue;
+        const absl::Span<const Site> sites(&obstacles->boundary[begin], static_cast<size_t>(count));
+        const int x_there = kTileUnits * tx;
+        const int y_there = kTileUnits * ty;
+        Site other = sites[sites.size() / 2];
+        const Offset offset = nearest.OffsetOf(middle);
+        if (offset.x != Offset::kNone) {
+          const Site vertex = VertexAt(block, middle);
+          other = SiteAt(vertex.x + offset.x - x_there, vertex.y + offset.y - y_there);
+        }
+        const VertexBox box{SiteAt(low.x - x_there, low.y - y_there),
+                            SiteAt(high.x - x_there, high.y - y_there)};
+        const VertexBlock from_there{block.x0 - Tile::kSide * tx, block.y0 - Tile::kSide * ty};
+        if (nearest.Add(some_sites_.NotHidden(sites, box, other), from_there)) {
+          end_squared = nearest.LongestSquared();
+        }
       }
     }
   }

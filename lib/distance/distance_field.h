@@ -29,7 +29,8 @@ struct DistanceFieldOptions {
 };
 
 // Of each vertex (i, j) of the knot grid, in tile TileOf(i, j) at IndexInTile(i, j): where the
-// nearest obstacle is.
+// nearest obstacle is: of the squares of ObstacleSquares the nearest; of those that are equally
+// near that of the least y, of these that of the least x.
 struct DistanceTile {
   static constexpr int kBlocks = Tile::kSide / VertexBlock::kSide;  // each way
 
@@ -87,7 +88,7 @@ class DistanceFieldEditor {
   // The field of this map, the same to the last byte whatever was seen before. Costs what changed
   // since the last call, where that was about an earlier view by the same SummedLayers: cells whose
   // control points changed are looked at; squares that came are taken where they are nearer; and
-  // blocks of 8 x 8 vertices are made anew that had squares that went.
+  // vertices whose square went look for what is nearest now.
   DistanceField Update(std::shared_ptr<const MapView> map);
 
  private:
@@ -99,7 +100,7 @@ class DistanceFieldEditor {
     ObstacleSquares squares;
     // The centres of those squares that do not lie between four others, by block: block k has
     // those from ends[k] on to ends[k + 1].
-    Sites boundary;
+    std::vector<Site> boundary;
     std::array<int, kBlocks * kBlocks + 1> ends{};
   };
   // The centres of squares of a block that came, or went, in changed_, and the box around them.
@@ -121,12 +122,13 @@ class DistanceFieldEditor {
   void UpdateRims(absl::Span<const Change> changes);
   void UpdateNear(const Change& change, absl::flat_hash_map<TileKey, BlockMask>& marked);
   static BlockMask BlocksNear(const Change& change, TileKey key, const DistanceTile& tile);
-  int32_t SquaredLength(const DistanceTile::Offset& offset) const;
-  void UpdateTile(TileKey key, BlockMask blocks);
-  void UpdateBlock(const VertexBlock& block, const TileNeighborhood& surroundings,
-                   DistanceTile& tile);
+  void FillTile(TileKey key, BlockMask blocks);
+  void FillBlock(const VertexBlock& block, const TileNeighborhood& surroundings,
+                 DistanceTile& tile);
   void FindObstaclesAround(TileKey key);
-  void GatherSitesAround(const VertexBlock& block);
+  void AddSitesOfNeighbors(const VertexBlock& block, uint64_t lost, const DistanceTile& tile,
+                           NearestSites& nearest);
+  void AddSitesAround(const VertexBlock& block, uint64_t lost, NearestSites& nearest);
   const ObstacleSquares& SquaresAt(TileKey key) const;
 
   const DistanceFieldOptions options_;
@@ -145,8 +147,8 @@ class DistanceFieldEditor {
   // which box of tiles, from it.
   std::vector<const Obstacles*> obstacles_around_;
   TileBox around_;
-  Sites sites_;  // of the block that is being updated
-  NearestSites nearest_sites_;
+  std::vector<Site> sites_;  // of neighbors of those that look around
+  SomeSites some_sites_;
 };
 
 }  // namespace splinemap

@@ -1,11 +1,11 @@
 #pragma once
 
 #include <array>
-#include <cstddef>
 #include <cstdint>
 #include <vector>
 
 #include "absl/types/span.h"
+#include "lib/distance/vectors.h"
 
 namespace splinemap {
 
@@ -13,8 +13,8 @@ namespace splinemap {
 struct Site {
   static constexpr int kUnits = 8;
 
-  int32_t x;
-  int32_t y;
+  int16_t x;
+  int16_t y;
   bool operator==(const Site&) const = default;
 };
 
@@ -27,25 +27,8 @@ struct SiteOffset {
   bool operator==(const SiteOffset&) const = default;
 };
 
-// Many of them, by coordinate: the first `size` of what is there.
-struct Sites {
-  size_t size = 0;
-  std::vector<int32_t> x;
-  std::vector<int32_t> y;
-
-  // Room for so many more, which are to be written; larger vectors serve again.
-  void Add(size_t count) {
-    size += count;
-    if (x.size() >= size) return;
-    x.resize(2 * size);
-    y.resize(2 * size);
-  }
-  void Add(const Site& site) {
-    Add(1);
-    x[size - 1] = site.x;
-    y[size - 1] = site.y;
-  }
-};
+// To no site: the vertex had one that went, and what is nearest now is to be found.
+inline constexpr SiteOffset kLost{0, 0};
 
 // 8 x 8 vertices of the knot grid, (x0, y0) the first of them, counted from the corner of a tile.
 struct VertexBlock {
@@ -56,41 +39,65 @@ struct VertexBlock {
   int y0;
 };
 
-// Adds [begin, end) of the others, moved by `shift`. The least squared distance from `centre`.
-int32_t AddSites(const Sites& others, size_t begin, size_t end, const Site& shift,
-                 const Site& centre, Sites& sites);
+// Of each vertex of a block, x runs fastest.
+using BlockOffsets = std::array<SiteOffset, VertexBlock::kSize>;
 
-// Whether one of the sites is what a vertex of the block has at its offset. Of the first row there
-// are 8 offsets, of each other 32 after the one before.
-bool HasAny(absl::Span<const Site> sites, const VertexBlock& block, const SiteOffset* offsets);
+// Whether one of the sites is what a vertex of the block has at its offset; then also the offsets,
+// kLost where that is so. Of the first row there are 8 offsets, of each other 32 after the one
+// before.
+bool TakeAway(absl::Span<const Site> sites, const VertexBlock& block, const SiteOffset* offsets,
+              BlockOffsets& without);
 
-// What the vertices of a block have when sites came.
-struct WithSites {
-  bool is_any_as_near = false;  // as what a vertex had, or as another of the sites
-  bool is_any_nearer = false;   // than what a vertex had
-  // Where one is nearer and none as near; as the length, squared, of none counts the reach.
-  std::array<SiteOffset, VertexBlock::kSize> offsets;
-  int32_t longest_squared = 0;
+// A box of vertices, in the units of sites.
+struct VertexBox {
+  Site low;
+  Site high;
 };
-// Offsets as above; where there is none, sites within `reach` are nearer.
-WithSites AddToBlock(absl::Span<const Site> sites, const VertexBlock& block,
-                     const SiteOffset* offsets, int32_t reach_squared);
 
-// Finds the nearest of some sites. Thread-compatible.
-class NearestSites {
+// Some of few enough sites: those of the squares of a block.
+class SomeSites {
  public:
-  // Of each vertex of the block, x runs fastest, the nearest site; of those that are equally near
-  // the first. Requires a site, and of all sites coordinates that are odd, as those of centres of
-  // squares are, and up to 20,000 in amount. Leaves out sites that are nearest to no vertex.
-  using Nearest = std::array<Site, VertexBlock::kSize>;
-  Nearest Find(Sites& sites, const VertexBlock& block);
-
-  // By instructions that every processor has.
-  Nearest FindPlainly(Sites& sites, const VertexBlock& block);
+  // Keeps those that may be nearer, or as near, to a vertex of the box than another site is. All
+  // from the corner of the same tile. Valid until the next call.
+  absl::Span<const Site> NotHidden(absl::Span<const Site> sites, const VertexBox& box,
+                                   const Site& other);
 
  private:
-  std::vector<int32_t> squared_;
-  std::vector<uint8_t> is_kept_;
+  friend struct NearestSitesKernel;
+  std::array<Site, 1024> kept_;
+};
+
+// The nearest sites of the vertices of a block, of those within reach. Of sites that are equally
+// near that of the least y, of these that of the least x: in whatever order they are added.
+class NearestSites {
+ public:
+  enum class Of { kAllVertices, kLostOnes };  // others keep what they have
+
+  // Offsets as above.
+  NearestSites(Of vertices, const SiteOffset* offsets, int32_t reach_squared);
+
+  // Block and sites from the corner of the same tile, no coordinate more than 20,000 away. Whether
+  // a vertex takes one of them.
+  bool Add(absl::Span<const Site> sites, const VertexBlock& block);
+
+  // By instructions that every processor has.
+  bool AddPlainly(absl::Span<const Site> sites, const VertexBlock& block);
+
+  // How far a site may be, squared, that a vertex takes.
+  int32_t LongestSquared() const;
+
+  // Of one of them; kNone where it has none.
+  SiteOffset OffsetOf(int vertex) const;
+  BlockOffsets Offsets() const;
+
+ private:
+  using Rows = std::array<Integers8, VertexBlock::kSide>;
+  friend struct NearestSitesKernel;
+
+  int32_t reach_squared_;
+  Rows ways_;  // offsets, as kBias says
+  // Where nothing is near one more than the reach; negative where a vertex keeps what it has.
+  Rows squared_;
 };
 
 }  // namespace splinemap

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
+#include <tuple>
 #include <vector>
 
 #include "splinemap/tile.h"
@@ -17,155 +18,201 @@ int64_t SquaredDistance(const Site& site, int x, int y) {
   return dx * dx + dy * dy;
 }
 
-TEST(NearestSitesTest, AreThoseOfBruteForce) {
-  std::mt19937_64 random(1);
-  NearestSites nearest_sites;
-  bool any_hidden = false;
-  for (const int extent : {40, 300, 2000, 16'000, 20'000}) {
-    for (const int count : {1, 2, 7, 63, 64, 65, 200, 2000, 6000}) {
-      std::uniform_int_distribution<int> coordinate(-extent, extent - 1);
-      const VertexBlock block{static_cast<int>(random() % 25), static_cast<int>(random() % 25)};
-      std::vector<Site> sites(count);
-      // Few places, so that many are equally near; or a ring, so that few are hidden.
-      const bool is_ring = random() % 2 == 0;
-      for (Site& site : sites) {
-        site = {coordinate(random) | 1, coordinate(random) / 16 * 16 + 1};
-        if (!is_ring) continue;
-        const double angle = coordinate(random);
-        site = {static_cast<int>(0.9 * extent * std::cos(angle)) | 1,
-                static_cast<int>(0.9 * extent * std::sin(angle)) | 1};
-      }
-      for (const bool plainly : {false, true}) {
-        Sites some;
-        for (const Site& site : sites) some.Add(site);
-        const auto nearest =
-            plainly ? nearest_sites.FindPlainly(some, block) : nearest_sites.Find(some, block);
-        any_hidden = any_hidden || some.size < sites.size() / 4;
-        for (int n = 0; n < VertexBlock::kSize; ++n) {
-          const int x = block.x0 + n % VertexBlock::kSide;
-          const int y = block.y0 + n / VertexBlock::kSide;
-          const Site first =
-              *std::min_element(sites.begin(), sites.end(), [&](const Site& a, const Site& b) {
-                return SquaredDistance(a, x, y) < SquaredDistance(b, x, y);
-              });
-          ASSERT_EQ(nearest[n], first) << x << " " << y << " of " << count << " in " << extent;
-        }
-      }
-    }
-  }
-  EXPECT_TRUE(any_hidden);
+Site SiteAt(int x, int y) { return {static_cast<int16_t>(x), static_cast<int16_t>(y)}; }
+
+// The nearest, of those that are equally near that of the least y, of these that of the least x.
+Site NearestOf(const std::vector<Site>& sites, int x, int y) {
+  return *std::min_element(sites.begin(), sites.end(), [&](const Site& a, const Site& b) {
+    return std::tuple(SquaredDistance(a, x, y), a.y, a.x) <
+           std::tuple(SquaredDistance(b, x, y), b.y, b.x);
+  });
 }
 
-TEST(NearestSitesTest, CopiesAreMovedAndTheNearestOfThemIsKnown) {
-  Sites from;
-  for (int k = 0; k < 30; ++k) from.Add({10 * k + 1, 5 - 2 * k});
-  Sites to;
-  to.Add({77, 99});
-  EXPECT_EQ(AddSites(from, 3, 29, {100, -200}, {120, -200}, to), 11 * 11 + 1);
-  ASSERT_EQ(to.size, 27U);
-  EXPECT_EQ(to.x[0], 77);
-  EXPECT_EQ(to.x[1], 131);
-  EXPECT_EQ(to.y[1], -201);
-  EXPECT_EQ(to.x[26], 381);
+SiteOffset OffsetTo(const Site& site, const VertexBlock& block, int vertex) {
+  return {static_cast<int16_t>(site.x - 8 * (block.x0 + vertex % 8)),
+          static_cast<int16_t>(site.y - 8 * (block.y0 + vertex / 8))};
 }
 
-// A block in a tile, some of whose vertices have nothing.
+// A block in a tile, of which vertices have what a test says.
 class OffsetsOfBlock {
  public:
-  explicit OffsetsOfBlock(std::mt19937_64& random) {
+  const SiteOffset* data() const { return &tile_[IndexInTile(8, 16)]; }
+  const SiteOffset& At(int vertex) const { return data()[Tile::kSide * (vertex / 8) + vertex % 8]; }
+  SiteOffset& At(int vertex) { return tile_[IndexInTile(8 + vertex % 8, 16 + vertex / 8)]; }
+  void FillWithLost() { tile_.fill(kLost); }
+  // Odd ones, some vertices have nothing.
+  void FillAtRandom(std::mt19937_64& random) {
     std::uniform_int_distribution<int> offset(-20, 20);
     for (SiteOffset& at : tile_) {
-      if (random() % 4 == 0) continue;
-      at = {static_cast<int16_t>(2 * offset(random) + 1),
-            static_cast<int16_t>(2 * offset(random) + 1)};
+      const Site way = SiteAt(2 * offset(random) + 1, 2 * offset(random) + 1);
+      at = random() % 4 == 0 ? SiteOffset() : SiteOffset{way.x, way.y};
     }
   }
-  const SiteOffset* data() const { return &tile_[IndexInTile(8, 16)]; }
-  const SiteOffset& At(int x, int y) const { return data()[Tile::kSide * y + x]; }
 
  private:
   std::array<SiteOffset, Tile::kSize> tile_;
 };
 
-int SquaredLength(const SiteOffset& offset) { return offset.x * offset.x + offset.y * offset.y; }
+TEST(NearestSitesTest, AreThoseOfBruteForceInWhateverOrderTheyCome) {
+  std::mt19937_64 random(1);
+  int num_ties = 0;
+  for (const int extent : {40, 300, 2000, 16'000}) {
+    for (const int count : {1, 2, 7, 63, 64, 65, 200, 1000}) {
+      std::uniform_int_distribution<int> coordinate(-extent, extent - 1);
+      const VertexBlock block{static_cast<int>(random() % 25), static_cast<int>(random() % 25)};
+      std::vector<Site> sites(count);
+      // Few places, so that many are equally near; or a ring, so that all are near something.
+      const bool is_ring = random() % 2 == 0;
+      for (Site& site : sites) {
+        site = SiteAt(coordinate(random) | 1, coordinate(random) / 16 * 16 + 1);
+        if (!is_ring) continue;
+        const double angle = coordinate(random);
+        site = SiteAt(static_cast<int>(0.9 * extent * std::cos(angle)) | 1,
+                      static_cast<int>(0.9 * extent * std::sin(angle)) | 1);
+      }
+      for (const bool plainly : {false, true}) {
+        OffsetsOfBlock offsets;
+        offsets.FillWithLost();
+        NearestSites nearest(NearestSites::Of::kLostOnes, offsets.data(), 2'000'000'000);
+        std::shuffle(sites.begin(), sites.end(), random);
+        const size_t half = sites.size() / 2;
+        for (const auto& some : {absl::MakeConstSpan(sites).subspan(half),
+                                 absl::MakeConstSpan(sites).subspan(0, half)}) {
+          plainly ? nearest.AddPlainly(some, block) : nearest.Add(some, block);
+        }
+        int64_t longest = 0;
+        for (int n = 0; n < VertexBlock::kSize; ++n) {
+          const int x = block.x0 + n % 8;
+          const int y = block.y0 + n / 8;
+          const Site expected = NearestOf(sites, x, y);
+          ASSERT_EQ(nearest.OffsetOf(n), OffsetTo(expected, block, n));
+          ASSERT_EQ(nearest.Offsets()[n], nearest.OffsetOf(n));
+          longest = std::max(longest, SquaredDistance(expected, x, y));
+          num_ties += std::any_of(sites.begin(), sites.end(), [&](const Site& site) {
+            return site != expected &&
+                   SquaredDistance(site, x, y) == SquaredDistance(expected, x, y);
+          });
+        }
+        ASSERT_EQ(nearest.LongestSquared(), longest);
+      }
+    }
+  }
+  EXPECT_GT(num_ties, 50);
+}
 
-TEST(NearestSitesTest, VerticesHaveASiteWhereTheirOffsetPointsToIt) {
+TEST(NearestSitesTest, OnlyThoseThatCannotBeTheNearestAreHidden) {
+  std::mt19937_64 random(1);
+  std::uniform_int_distribution<int> coordinate(-60, 90);
+  SomeSites some_sites;
+  int num_hidden = 0;
+  int num_kept = 0;
+  for (int n = 0; n < 3000; ++n) {
+    std::vector<Site> sites;
+    for (int k = 0; k < static_cast<int>(random() % 30); ++k) {
+      sites.push_back(SiteAt(2 * coordinate(random) + 1, 2 * coordinate(random) + 1));
+    }
+    const Site low = SiteAt(8 * static_cast<int>(random() % 5), 8 * static_cast<int>(random() % 5));
+    const VertexBox box{low, SiteAt(low.x + 8 * static_cast<int>(random() % 8),
+                                    low.y + 8 * static_cast<int>(random() % 8))};
+    const Site other = SiteAt(coordinate(random) | 1, coordinate(random) | 1);
+    const auto kept = some_sites.NotHidden(sites, box, other);
+    std::vector<Site> expected;
+    for (const Site& site : sites) {
+      bool is_as_near = false;
+      for (const int x : {box.low.x, box.high.x}) {
+        for (const int y : {box.low.y, box.high.y}) {
+          is_as_near = is_as_near ||
+                       SquaredDistance(site, x / 8, y / 8) <= SquaredDistance(other, x / 8, y / 8);
+        }
+      }
+      if (is_as_near) expected.push_back(site);
+    }
+    ASSERT_EQ(std::vector<Site>(kept.begin(), kept.end()), expected);
+    num_kept += static_cast<int>(kept.size());
+    num_hidden += static_cast<int>(sites.size() - kept.size());
+  }
+  EXPECT_GT(num_kept, 1000);
+  EXPECT_GT(num_hidden, 1000);
+}
+
+TEST(NearestSitesTest, VerticesLoseASiteWhereTheirOffsetPointsToIt) {
   std::mt19937_64 random(1);
   std::uniform_int_distribution<int> coordinate(-40, 40);
   const VertexBlock block{-32, 64};
-  int num_had = 0;
+  int num_lost = 0;
   for (int n = 0; n < 20'000; ++n) {
-    const OffsetsOfBlock offsets(random);
+    OffsetsOfBlock offsets;
+    offsets.FillAtRandom(random);
     std::vector<Site> sites;
     for (int k = 0; k < 3; ++k) {
-      sites.push_back({-256 + 2 * coordinate(random) + 1, 512 + 2 * coordinate(random) + 1});
+      sites.push_back(SiteAt(-256 + 2 * coordinate(random) + 1, 512 + 2 * coordinate(random) + 1));
     }
-    bool has_any = false;
-    for (const Site& site : sites) {
-      for (int y = 0; y < 8; ++y) {
-        for (int x = 0; x < 8; ++x) {
-          const SiteOffset to_site{static_cast<int16_t>(site.x - 8 * (block.x0 + x)),
-                                   static_cast<int16_t>(site.y - 8 * (block.y0 + y))};
-          has_any = has_any || to_site == offsets.At(x, y);
-        }
+    BlockOffsets expected;
+    for (int vertex = 0; vertex < VertexBlock::kSize; ++vertex) {
+      expected[vertex] = offsets.At(vertex);
+      for (const Site& site : sites) {
+        if (OffsetTo(site, block, vertex) == offsets.At(vertex)) expected[vertex] = kLost;
       }
     }
-    ASSERT_EQ(HasAny(sites, block, offsets.data()), has_any);
-    num_had += has_any ? 1 : 0;
+    const bool is_any_lost = std::find(expected.begin(), expected.end(), kLost) != expected.end();
+    BlockOffsets without;
+    ASSERT_EQ(TakeAway(sites, block, offsets.data(), without), is_any_lost);
+    if (is_any_lost) {
+      ASSERT_EQ(without, expected);
+    }
+    num_lost += is_any_lost ? 1 : 0;
   }
-  EXPECT_GT(num_had, 100);
-  EXPECT_LT(num_had, 1000);
+  EXPECT_GT(num_lost, 100);
+  EXPECT_LT(num_lost, 1000);
 }
 
-TEST(NearestSitesTest, SitesThatCameAreTakenWhereTheyAreNearer) {
+TEST(NearestSitesTest, SitesAreTakenWhereTheyAreNearer) {
   std::mt19937_64 random(1);
   std::uniform_int_distribution<int> coordinate(-60, 90);
   const VertexBlock block{-32, 64};
-  int num_as_near = 0;
-  int num_nearer = 0;
+  int num_taken = 0;
   int num_nothing = 0;
   for (int n = 0; n < 6000; ++n) {
-    const OffsetsOfBlock offsets(random);
+    OffsetsOfBlock offsets;
+    offsets.FillAtRandom(random);
+    for (int k = 0; k < 9; ++k) offsets.At(static_cast<int>(random() % 64)) = kLost;
     const int reach_squared = 30 * 30 + static_cast<int>(random() % 500);
     std::vector<Site> sites;
     for (int k = 0; k < static_cast<int>(random() % 3); ++k) {
-      sites.push_back({-256 + 2 * coordinate(random) + 1, 512 + 2 * coordinate(random) + 1});
+      sites.push_back(SiteAt(-256 + 2 * coordinate(random) + 1, 512 + 2 * coordinate(random) + 1));
     }
-    const WithSites result = AddToBlock(sites, block, offsets.data(), reach_squared);
-    bool is_any_as_near = false;
-    bool is_any_nearer = false;
-    int longest = 0;
-    bool is_same = true;
-    for (int y = 0; y < 8; ++y) {
-      for (int x = 0; x < 8; ++x) {
-        SiteOffset best = offsets.At(x, y);
-        int least = best == SiteOffset() ? reach_squared + 1 : SquaredLength(best);
+    for (const auto of : {NearestSites::Of::kAllVertices, NearestSites::Of::kLostOnes}) {
+      NearestSites nearest(of, offsets.data(), reach_squared);
+      const bool is_taken = nearest.Add(sites, block);
+      (is_taken ? num_taken : num_nothing) += 1;
+      bool is_taken_expected = false;
+      int64_t longest = 0;
+      for (int vertex = 0; vertex < VertexBlock::kSize; ++vertex) {
+        SiteOffset has = offsets.At(vertex);
+        const bool is_lost = has == kLost;
+        if (is_lost) has = SiteOffset();
+        const auto length = [&] {
+          return has == SiteOffset() ? reach_squared + 1 : has.x * has.x + has.y * has.y;
+        };
         for (const Site& site : sites) {
-          const SiteOffset to_site{static_cast<int16_t>(site.x - 8 * (block.x0 + x)),
-                                   static_cast<int16_t>(site.y - 8 * (block.y0 + y))};
-          is_any_as_near = is_any_as_near || SquaredLength(to_site) == least;
-          if (SquaredLength(to_site) >= least) continue;
-          is_any_nearer = true;
-          least = SquaredLength(to_site);
-          best = to_site;
+          if (of == NearestSites::Of::kLostOnes && !is_lost) continue;
+          const SiteOffset way = OffsetTo(site, block, vertex);
+          if (std::tuple(way.x * way.x + way.y * way.y, way.y, way.x) <
+              std::tuple(length(), has.y, has.x)) {
+            has = way;
+            is_taken_expected = true;
+          }
         }
-        longest = std::max(longest, std::min(least, reach_squared));
-        is_same = is_same && best == result.offsets[8 * y + x];
+        ASSERT_EQ(nearest.OffsetOf(vertex), has);
+        if (of == NearestSites::Of::kAllVertices || is_lost) {
+          longest = std::max<int64_t>(longest, std::min(length(), reach_squared));
+        }
       }
+      ASSERT_EQ(is_taken, is_taken_expected);
+      ASSERT_EQ(nearest.LongestSquared(), longest);
     }
-    ASSERT_EQ(result.is_any_as_near, is_any_as_near);
-    if (is_any_as_near) {
-      ++num_as_near;
-      continue;
-    }
-    ASSERT_EQ(result.is_any_nearer, is_any_nearer);
-    (is_any_nearer ? num_nearer : num_nothing) += 1;
-    if (!is_any_nearer) continue;
-    ASSERT_TRUE(is_same);
-    ASSERT_EQ(result.longest_squared, longest);
   }
-  EXPECT_GT(num_as_near, 100);
-  EXPECT_GT(num_nearer, 100);
+  EXPECT_GT(num_taken, 100);
   EXPECT_GT(num_nothing, 100);
 }
 
