@@ -2,7 +2,9 @@
 
 #include <bit>
 #include <cstring>
+#include <limits>
 
+#include "lib/distance/vectors.h"
 #include "lib/query/obstacle_search.h"
 
 namespace splinemap {
@@ -11,57 +13,65 @@ namespace {
 
 constexpr int kPerKnot = ObstacleSquares::kPerKnot;
 
-typedef int32_t Integers4 __attribute__((vector_size(16)));
+typedef double Doubles4 __attribute__((vector_size(32)));
+typedef int64_t Longs4 __attribute__((vector_size(32)));
 
-// Bounds of a cell.
-struct CellRange {
+// Bounds of eight cells in a row.
+constexpr int kCells = 8;
+struct CellRanges {
   // 36 times the least and the greatest point of its Bezier net.
-  int32_t least;
-  int32_t greatest;
+  Integers8 least;
+  Integers8 greatest;
   // 6 times by how much the surface bends down along both axes, second derivatives by knots.
-  int32_t bend;
+  Integers8 bend;
 };
-
-int32_t LeastOf(const Integers4& v) { return std::min({v[0], v[1], v[2], v[3]}); }
-int32_t GreatestOf(const Integers4& v) { return std::max({v[0], v[1], v[2], v[3]}); }
 
 // The most by which what has these control points along an axis bends down: its second derivative
 // lies between their second differences.
-int32_t BendOf(const std::array<Integers4, 4>& c) {
-  const Integers4 a = 2 * c[1] - c[0] - c[2];
-  const Integers4 b = 2 * c[2] - c[1] - c[3];
-  return std::max(GreatestOf(a > b ? a : b), 0);
+SPLINEMAP_INLINE void AddBend(const Integers8 (&c)[4], Integers8& bend) {
+  const Integers8 a = 2 * c[1] - c[0] - c[2];
+  const Integers8 b = 2 * c[2] - c[1] - c[3];
+  bend = bend > a ? bend : a;
+  bend = bend > b ? bend : b;
 }
 
 // 6 times a Bezier net of what has these control points along an axis.
-std::array<Integers4, 4> SixfoldNet(const std::array<Integers4, 4>& c) {
-  return {c[0] + 4 * c[1] + c[2], 4 * c[1] + 2 * c[2], 2 * c[1] + 4 * c[2], c[1] + 4 * c[2] + c[3]};
+SPLINEMAP_INLINE void SetSixfoldNet(const Integers8 (&c)[4], Integers8 (&net)[4]) {
+  net[0] = c[0] + 4 * c[1] + c[2];
+  net[1] = 4 * c[1] + 2 * c[2];
+  net[2] = 2 * c[1] + 4 * c[2];
+  net[3] = c[1] + 4 * c[2] + c[3];
 }
 
-CellRange RangeOf(const CellPatch& patch) {
-  const ControlPoint* c = patch.control_points.data();
-  std::array<Integers4, 4> rows;
-  for (int k = 0; k < 4; ++k) {
-    rows[k] = Integers4{c[4 * k], c[4 * k + 1], c[4 * k + 2], c[4 * k + 3]};
+// `first`: the control point at the lower left of the first cell; rows are `stride` apart.
+SPLINEMAP_INLINE void SetRanges(const ControlPoint* first, int stride, CellRanges& ranges) {
+  typedef ControlPoint Shorts8 __attribute__((vector_size(16)));
+  Integers8 along_y[4][4];  // by column
+  Integers8 bend_y{};
+  for (int x = 0; x < 4; ++x) {
+    Integers8 column[4];
+    for (int y = 0; y < 4; ++y) {
+      Shorts8 points;
+      std::memcpy(&points, first + stride * y + x, sizeof(points));
+      column[y] = __builtin_convertvector(points, Integers8);
+    }
+    AddBend(column, bend_y);
+    SetSixfoldNet(column, along_y[x]);
   }
-  const int32_t bend_y = BendOf(rows);
-  rows = SixfoldNet(rows);
-  const Integers4 low01 = __builtin_shufflevector(rows[0], rows[1], 0, 4, 1, 5);
-  const Integers4 high01 = __builtin_shufflevector(rows[0], rows[1], 2, 6, 3, 7);
-  const Integers4 low23 = __builtin_shufflevector(rows[2], rows[3], 0, 4, 1, 5);
-  const Integers4 high23 = __builtin_shufflevector(rows[2], rows[3], 2, 6, 3, 7);
-  const std::array<Integers4, 4> columns{__builtin_shufflevector(low01, low23, 0, 1, 4, 5),
-                                         __builtin_shufflevector(low01, low23, 2, 3, 6, 7),
-                                         __builtin_shufflevector(high01, high23, 0, 1, 4, 5),
-                                         __builtin_shufflevector(high01, high23, 2, 3, 6, 7)};
-  const std::array<Integers4, 4> net = SixfoldNet(columns);
-  Integers4 least = net[0];
-  Integers4 greatest = net[0];
-  for (const Integers4& values : net) {
-    least = values < least ? values : least;
-    greatest = values > greatest ? values : greatest;
+  Integers8 bend_x{};
+  ranges.least = Integers8{} + std::numeric_limits<int32_t>::max();
+  ranges.greatest = Integers8{} + std::numeric_limits<int32_t>::min();
+  for (int y = 0; y < 4; ++y) {
+    const Integers8 row[4] = {along_y[0][y], along_y[1][y], along_y[2][y], along_y[3][y]};
+    Integers8 net[4];
+    AddBend(row, bend_x);
+    SetSixfoldNet(row, net);
+    for (const Integers8& values : net) {
+      ranges.least = values < ranges.least ? values : ranges.least;
+      ranges.greatest = values > ranges.greatest ? values : ranges.greatest;
+    }
   }
-  return {LeastOf(least), GreatestOf(greatest), 6 * bend_y + BendOf(columns)};
+  ranges.bend = 6 * bend_y + bend_x;
 }
 
 // The surface of a cell as a Bezier net of each of its squares, of which those beside each other
@@ -98,11 +108,58 @@ std::array<std::array<double, count>, count> PointsOfNets(const CellPatch& patch
   return points;
 }
 
-// Of a row of squares, those that have one of these corners below or above.
-uint32_t WithCorner(uint32_t below, uint32_t above) {
-  const uint32_t either = below | above;
-  return (either | either >> 1) & 0xF;
+// Squares of a cell, of 4 rows of 4, that have a corner at a threshold or above.
+struct SquaresWithCorner {
+  uint32_t high;
+  uint32_t higher;
+};
+
+// Above both thresholds.
+SPLINEMAP_INLINE SquaresWithCorner CornersAbove(const CellPatch& patch, double high,
+                                                double higher) {
+  Doubles4 rows[4];
+  for (int y = 0; y < 4; ++y) {
+    const ControlPoint* c = &patch.control_points[4 * y];
+    rows[y] = Doubles4{static_cast<double>(c[0]), static_cast<double>(c[1]),
+                       static_cast<double>(c[2]), static_cast<double>(c[3])};
+  }
+  // Of each row of corners, what is greater of those on the left and on the right of a square.
+  Doubles4 greater[kPerKnot + 1];
+  for (int y = 0; y <= kPerKnot; ++y) {
+    const Doubles4 at = kWeights[0][3 * y] * rows[0] + kWeights[1][3 * y] * rows[1] +
+                        kWeights[2][3 * y] * rows[2] + kWeights[3][3 * y] * rows[3];
+    Doubles4 left{};
+    Doubles4 right{};
+    for (int k = 0; k < 4; ++k) {
+      const double* w = kWeights[k];
+      left += at[k] * Doubles4{w[0], w[3], w[6], w[9]};
+      right += at[k] * Doubles4{w[3], w[6], w[9], w[12]};
+    }
+    greater[y] = left > right ? left : right;
+  }
+  Longs4 is_high{};
+  Longs4 is_higher{};
+  for (int y = 0; y < kPerKnot; ++y) {
+    const Doubles4 greatest = greater[y] > greater[y + 1] ? greater[y] : greater[y + 1];
+    const Longs4 bits = Longs4{1, 2, 4, 8} << (4 * y);
+    is_high |= (greatest >= high) & bits;
+    is_higher |= (greatest >= higher) & bits;
+  }
+  return {static_cast<uint32_t>(is_high[0] | is_high[1] | is_high[2] | is_high[3]),
+          static_cast<uint32_t>(is_higher[0] | is_higher[1] | is_higher[2] | is_higher[3])};
 }
+
+#ifdef __x86_64__
+__attribute__((target("avx2"))) void SetRangesByAvx2(const ControlPoint* first, int stride,
+                                                     CellRanges& ranges) {
+  SetRanges(first, stride, ranges);
+}
+
+__attribute__((target("avx2"))) SquaresWithCorner CornersAboveByAvx2(const CellPatch& patch,
+                                                                     double high, double higher) {
+  return CornersAbove(patch, high, higher);
+}
+#endif
 
 // Below the threshold everywhere, by the plane above it, which the search uses, too.
 bool IsBelow(const BezierNet& net, double threshold) {
@@ -110,7 +167,40 @@ bool IsBelow(const BezierNet& net, double threshold) {
   return plane.at_corner + std::max(plane.slope_x, 0.0) + std::max(plane.slope_y, 0.0) < threshold;
 }
 
+void FindRanges(const ControlPoint* first, CellRanges& ranges) {
+  constexpr int kStride = ControlPointsAround::kSide;
+#ifdef __x86_64__
+  if (has_avx2) {
+    SetRangesByAvx2(first, kStride, ranges);
+    return;
+  }
+#endif
+  SetRanges(first, kStride, ranges);
+}
+
+SquaresWithCorner SquaresWithCornerAbove(const CellPatch& patch, double high, double higher) {
+#ifdef __x86_64__
+  if (has_avx2) return CornersAboveByAvx2(patch, high, higher);
+#endif
+  return CornersAbove(patch, high, higher);
+}
+
+// All squares of these of eight cells.
+uint32_t SquaresOfCells(uint32_t cells) {
+  cells = (cells | cells << 12) & 0x000F000F;
+  cells = (cells | cells << 6) & 0x03030303;
+  cells = (cells | cells << 3) & 0x11111111;
+  return cells * 0xF;
+}
+
 }  // namespace
+
+// Of one of these cells.
+struct ObstacleRasterizer::CellRange {
+  int32_t least;
+  int32_t greatest;
+  int32_t bend;
+};
 
 ControlPointsAround::ControlPointsAround(const TileTree& tiles, TileKey key) {
   for (int dy = -1; dy <= 1; ++dy) {
@@ -168,13 +258,21 @@ void ObstacleRasterizer::Update(const ControlPointsAround& control_points, const
     if (cells[y] == 0) continue;
     ObstacleSquares::Row told = 0;
     std::array<ObstacleSquares::Row, kPerKnot> is_set{};
-    for (uint32_t rest = cells[y]; rest != 0; rest &= rest - 1) {
-      const int x = std::countr_zero(rest);
-      told |= ObstacleSquares::Row{0xF} << (kPerKnot * x);
-      const CellPatch patch = control_points.At(x, y);
-      const uint32_t of_cell = OfCell(patch);
-      for (int row = 0; row < kPerKnot && of_cell != 0; ++row) {
-        is_set[row] |= ObstacleSquares::Row{of_cell >> (4 * row) & 0xF} << (kPerKnot * x);
+    for (int x0 = 0; x0 < Tile::kSide; x0 += kCells) {
+      uint32_t rest = cells[y] >> x0 & 0xFF;
+      if (rest == 0) continue;
+      told |= ObstacleSquares::Row{SquaresOfCells(rest)} << (kPerKnot * x0);
+      CellRanges ranges;
+      FindRanges(control_points.From(x0, y), ranges);
+      for (; rest != 0; rest &= rest - 1) {
+        const int k = std::countr_zero(rest);
+        const bool is_low = ranges.greatest[k] < 36 * threshold_;
+        if (is_low && unknown_ == UnknownPolicy::kFree) continue;
+        const uint32_t of_cell = OfCell(control_points.At(x0 + k, y),
+                                        {ranges.least[k], ranges.greatest[k], ranges.bend[k]});
+        for (int row = 0; row < kPerKnot && of_cell != 0; ++row) {
+          is_set[row] |= ObstacleSquares::Row{of_cell >> (4 * row) & 0xF} << (kPerKnot * (x0 + k));
+        }
       }
     }
     for (int row = 0; row < kPerKnot; ++row) {
@@ -184,33 +282,8 @@ void ObstacleRasterizer::Update(const ControlPointsAround& control_points, const
   }
 }
 
-uint32_t ObstacleRasterizer::OfCell(const CellPatch& patch) const {
-  typedef ControlPoint Shorts8 __attribute__((vector_size(16)));
-  Shorts8 low;
-  Shorts8 high;
-  static_assert(sizeof(low) + sizeof(high) == sizeof(patch.control_points));
-  std::memcpy(&low, &patch.control_points[0], sizeof(low));
-  std::memcpy(&high, &patch.control_points[8], sizeof(high));
-  Shorts8 least = low < high ? low : high;
-  Shorts8 greatest = low > high ? low : high;
-  const auto halve = [&](const Shorts8& other_least, const Shorts8& other_greatest) {
-    least = least < other_least ? least : other_least;
-    greatest = greatest > other_greatest ? greatest : other_greatest;
-  };
-  halve(__builtin_shufflevector(least, least, 4, 5, 6, 7, 0, 1, 2, 3),
-        __builtin_shufflevector(greatest, greatest, 4, 5, 6, 7, 0, 1, 2, 3));
-  halve(__builtin_shufflevector(least, least, 2, 3, 0, 1, 6, 7, 4, 5),
-        __builtin_shufflevector(greatest, greatest, 2, 3, 0, 1, 6, 7, 4, 5));
-  halve(__builtin_shufflevector(least, least, 1, 0, 3, 2, 5, 4, 7, 6),
-        __builtin_shufflevector(greatest, greatest, 1, 0, 3, 2, 5, 4, 7, 6));
-  // Where none is above 0, what is known is below it, by the share of the nearest.
-  const double upper = threshold_ < 0 ? patch.bounds().upper : greatest[0] > 0 ? greatest[0] : -1;
-  uint32_t squares = 0;
-  if (least[0] >= threshold_) {
-    squares = 0xFFFF;
-  } else if (upper >= threshold_) {
-    squares = OnSurface(patch);
-  }
+uint32_t ObstacleRasterizer::OfCell(const CellPatch& patch, const CellRange& range) const {
+  uint32_t squares = OnSurface(patch, range);
   if (patch.AllKnown()) return squares;
   for (int quarter = 0; quarter < 4; ++quarter) {
     const uint32_t of_quarter = uint32_t{0x33} << (2 * (quarter % 2) + 8 * (quarter / 2));
@@ -221,32 +294,26 @@ uint32_t ObstacleRasterizer::OfCell(const CellPatch& patch) const {
   return squares;
 }
 
-uint32_t ObstacleRasterizer::OnSurface(const CellPatch& patch) const {
-  const CellRange range = RangeOf(patch);
+uint32_t ObstacleRasterizer::OnSurface(const CellPatch& patch, const CellRange& range) const {
   if (range.greatest < 36 * threshold_) return 0;
+  // Where none is above 0, what is known is below it, by the share of the nearest.
+  if (threshold_ < 0 || range.greatest <= 0) {
+    const auto& c = patch.control_points;
+    if (*std::min_element(c.begin(), c.end()) >= threshold_) return 0xFFFF;
+    if (threshold_ < 0 && patch.bounds().upper < threshold_) return 0;
+    if (threshold_ >= 0 && *std::max_element(c.begin(), c.end()) <= 0) return 0;
+  }
   if (range.least >= 36 * threshold_) return 0xFFFF;
   const double threshold = kNetUnits * threshold_;
-  const auto corners = PointsOfNets<kPerKnot + 1>(patch, 0, 0, 3);
   // The net of a square of side h is not above its corners by more than a sixth of h^2 times what
   // the surface bends down.
   const double low_threshold = threshold - kNetUnits / (6 * 6 * kPerKnot * kPerKnot) * range.bend;
-  std::array<uint32_t, kPerKnot + 1> is_occupied{};
-  std::array<uint32_t, kPerKnot + 1> is_high{};
-  for (int y = 0; y <= kPerKnot; ++y) {
-    for (int x = 0; x <= kPerKnot; ++x) {
-      is_occupied[y] |= uint32_t{corners[y][x] >= threshold} << x;
-      is_high[y] |= uint32_t{corners[y][x] >= low_threshold} << x;
-    }
-  }
-  uint32_t squares = 0;
-  for (int y = 0; y < kPerKnot; ++y) {
-    uint32_t row = WithCorner(is_occupied[y], is_occupied[y + 1]);
-    for (uint32_t rest = WithCorner(is_high[y], is_high[y + 1]) & ~row; rest != 0;
-         rest &= rest - 1) {
-      const int x = std::countr_zero(rest);
-      row |= uint32_t{HasOccupied({PointsOfNets<4>(patch, 3 * x, 3 * y, 1)}, 0.25)} << x;
-    }
-    squares |= row << (kPerKnot * y);
+  const SquaresWithCorner corners = SquaresWithCornerAbove(patch, low_threshold, threshold);
+  uint32_t squares = corners.higher;
+  for (uint32_t rest = corners.high & ~squares; rest != 0; rest &= rest - 1) {
+    const int x = std::countr_zero(rest) % kPerKnot;
+    const int y = std::countr_zero(rest) / kPerKnot;
+    if (HasOccupied({PointsOfNets<4>(patch, 3 * x, 3 * y, 1)}, 0.25)) squares |= rest & -rest;
   }
   return squares;
 }

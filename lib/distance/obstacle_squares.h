@@ -48,6 +48,11 @@ class ControlPointsAround {
  public:
   ControlPointsAround(const TileTree& tiles, TileKey key);
 
+  static constexpr int kSide = Tile::kSide + 3;
+
+  // Those of cell (x, y) and of others, in rows of kSide.
+  const ControlPoint* From(int x, int y) const { return &rows_[y][x]; }
+
   CellPatch At(int x, int y) const {
     CellPatch patch;
     for (int row = 0; row < 4; ++row) {
@@ -57,8 +62,6 @@ class ControlPointsAround {
   }
 
  private:
-  static constexpr int kSide = Tile::kSide + 3;
-
   std::array<std::array<ControlPoint, kSide>, kSide> rows_{};
 };
 
@@ -75,9 +78,10 @@ class ObstacleRasterizer {
 
  private:
   bool HasOccupied(const BezierNet& net, double side) const;
+  struct CellRange;
   // Those that have an occupied point, of 4 rows of 4, of which the surface decides.
-  uint32_t OnSurface(const CellPatch& patch) const;
-  uint32_t OfCell(const CellPatch& patch) const;
+  uint32_t OnSurface(const CellPatch& patch, const CellRange& range) const;
+  uint32_t OfCell(const CellPatch& patch, const CellRange& range) const;
 
   const double threshold_;
   const UnknownPolicy unknown_;
