@@ -83,9 +83,11 @@ SPLINEMAP_INLINE size_t KeepNotHidden(absl::Span<const Site> sites, const Vertex
     const Integers8 slack = width * (dx < 0 ? -dx : dx) + height * (dy < 0 ? -dy : dy);
     const Integers8 farther = x * (x - middle_x) + y * (y - middle_y) - to_other;
     const Integers8 is_kept = ~(farther > slack);
-    if (!IsAny(is_kept)) continue;  // as most are
+    int32_t keeps[kSide];
+    std::memcpy(keeps, &is_kept, sizeof(keeps));
     for (size_t k = 0; k < count; ++k) {
-      if (is_kept[k] != 0) kept[num_kept++] = some[k];
+      kept[num_kept] = some[k];
+      num_kept += keeps[k] & 1;
     }
   }
   return num_kept;
