@@ -15,6 +15,15 @@ typedef uint64_t Words4 __attribute__((vector_size(32)));
 typedef int64_t Longs4 __attribute__((vector_size(32)));
 typedef int32_t Integers4 __attribute__((vector_size(16)));
 
+// GCC 12 converts them in halves.
+[[gnu::always_inline]] inline Doubles4 ToDoubles(Integers4 x) {
+#ifdef __AVX__
+  return reinterpret_cast<Doubles4>(_mm256_cvtepi32_pd(reinterpret_cast<__m128i>(x)));
+#else
+  return __builtin_convertvector(x, Doubles4);
+#endif
+}
+
 // The greatest integers that are not greater, which 32 bits must be able to hold.
 [[gnu::always_inline]] inline Doubles4 Floor(Doubles4 x) {
 #ifdef __AVX__
@@ -29,8 +38,7 @@ typedef int32_t Integers4 __attribute__((vector_size(16)));
   for (int k = 0; k < 4; ++k) x[k] = __builtin_floor(x[k]);  // one instruction for two of them
   return x;
 #else
-  const Doubles4 towards_zero =
-      __builtin_convertvector(__builtin_convertvector(x, Integers4), Doubles4);
+  const Doubles4 towards_zero = ToDoubles(__builtin_convertvector(x, Integers4));
   return towards_zero - (towards_zero > x ? Doubles4{} + 1 : Doubles4{});
 #endif
 }

@@ -13,12 +13,6 @@ namespace {
 
 const Tile kUntouched;
 
-RowWord LoadRow(const ControlPoint* first) {
-  RowWord word;
-  std::memcpy(&word, first, sizeof(word));
-  return word;
-}
-
 bool IsInOneTile(int32_t i, int32_t j) {
   constexpr int kLast = Tile::kSide - 4;
   return (i & (Tile::kSide - 1)) <= kLast && (j & (Tile::kSide - 1)) <= kLast;
@@ -36,60 +30,46 @@ std::array<TileKey, 4> SquareOf(int32_t i, int32_t j) {
   return {first, TileKey{last.tx, first.ty}, TileKey{first.tx, last.ty}, last};
 }
 
-// Where the rows of a patch that lies in several tiles begin, and where they go on. What is in the
-// next tile follows in `right`; where nothing is, `bits` is 0.
-struct CrossingPatch {
-  std::array<const ControlPoint*, 4> left;
-  std::array<const ControlPoint*, 4> right;
-  int bits;
-
-  CrossingPatch() = default;
-  // Requires the tiles of SquareOf(i, j).
-  CrossingPatch(const Tile* const* square, int32_t i, int32_t j) {
-    constexpr int kLast = Tile::kSide - 4;
-    const int column = std::min(i & (Tile::kSide - 1), kLast);
-    bits = 16 * ((i & (Tile::kSide - 1)) - column);
-    for (int row = 0; row < 4; ++row) {
-      const Tile* const* tiles = square + 2 * (((j + row) >> 5) - (j >> 5));
-      left[row] = &tiles[0]->control_points[IndexInTile(column, j + row)];
-      right[row] = &tiles[1]->control_points[IndexInTile(0, j + row)];
-    }
+// Copies a patch that lies in several tiles, which are those of SquareOf(i, j), to where a kernel
+// can read it: four control points each to rows as far apart as those of a tile.
+void CopyCrossingPatch(const Tile* const* square, int32_t i, int32_t j, ControlPoint* to) {
+  constexpr int kLast = Tile::kSide - 4;
+  const int column = std::min(i & (Tile::kSide - 1), kLast);
+  // What is in the next tile follows on the left's last columns; where nothing is, `bits` is 0.
+  const int bits = 16 * ((i & (Tile::kSide - 1)) - column);
+  for (int row = 0; row < 4; ++row) {
+    const Tile* const* tiles = square + 2 * (((j + row) >> 5) - (j >> 5));
+    uint64_t left;
+    uint64_t right;
+    std::memcpy(&left, &tiles[0]->control_points[IndexInTile(column, j + row)], sizeof(left));
+    std::memcpy(&right, &tiles[1]->control_points[IndexInTile(0, j + row)], sizeof(right));
+    // Shifted twice since a shift by 64 is none.
+    const uint64_t four = left >> bits | right << 1 << (63 - bits);
+    std::memcpy(to + Tile::kSide * row, &four, sizeof(four));
   }
+}
 
-  // Shifted twice since a shift by 64 is none.
-  RowWord Row(int row) const {
-    return LoadRow(left[row]) >> bits | LoadRow(right[row]) << 1 << (63 - bits);
-  }
-};
+// What `use` makes of the patch from control point (i, j) on, of tiles as `content_of` has them by
+// key.
+template <typename ContentOfKey, typename Use>
+auto UsePatch(int32_t i, int32_t j, ContentOfKey content_of, Use use) {
+  if (IsInOneTile(i, j)) return use(&content_of(TileOf(i, j)).control_points[IndexInTile(i, j)]);
+  const std::array<TileKey, 4> keys = SquareOf(i, j);
+  std::array<const Tile*, 4> square;
+  for (int k = 0; k < 4; ++k) square[k] = &content_of(keys[k]);
+  std::array<ControlPoint, 4 * Tile::kSide> rows;
+  CopyCrossingPatch(square.data(), i, j, rows.data());
+  return use(rows.data());
+}
 
-// The patch from control point (i, j) on, of tiles as `content_of` has them by key.
 template <typename ContentOfKey>
-PatchRows LoadRows(int32_t i, int32_t j, ContentOfKey content_of) {
-  PatchRows rows;
-  if (IsInOneTile(i, j)) {
-    const ControlPoint* first = &content_of(TileOf(i, j)).control_points[IndexInTile(i, j)];
-    for (int row = 0; row < 4; ++row) rows[row] = LoadRow(first + Tile::kSide * row);
-  } else {
-    const std::array<TileKey, 4> keys = SquareOf(i, j);
-    std::array<const Tile*, 4> square;
-    for (int k = 0; k < 4; ++k) square[k] = &content_of(keys[k]);
-    const CrossingPatch patch(square.data(), i, j);
-    for (int row = 0; row < 4; ++row) rows[row] = patch.Row(row);
-  }
-  return rows;
-}
-
-PatchRows LoadRows(const TileTree& tiles, int32_t i, int32_t j) {
-  const ReadSection section;
-  return LoadRows(i, j,
-                  [&](TileKey key) -> const Tile& { return ContentOf(tiles.Find(key), section); });
-}
-
-SurfaceSample Evaluate(const PatchRows& rows, const KnotPosition& x, const KnotPosition& y,
-                       double knot_interval_m) {
-  SurfaceSample sample;
-  FastestPointKernel().evaluate_point(rows, x.t, y.t, 1 / knot_interval_m, sample);
-  return sample;
+SurfaceSample EvaluateAt(const KnotPosition& x, const KnotPosition& y, double knot_interval_m,
+                         ContentOfKey content_of) {
+  return UsePatch(x.index - 1, y.index - 1, content_of, [&](const ControlPoint* patch) {
+    SurfaceSample sample;
+    FastestPointKernel().evaluate_point(patch, x.t, y.t, 1 / knot_interval_m, sample);
+    return sample;
+  });
 }
 
 // Each step runs over a block of points before the next begins: a processor waits for many points
@@ -106,9 +86,9 @@ class BlockEvaluator {
     {
       const ReadSection section;
       FindTiles(count, section);
-      LoadRows(count);
+      FindPatches(count);
+      kernel_.evaluate(block_, count, knots_per_m_, samples);
     }
-    kernel_.evaluate(block_, count, knots_per_m_, samples);
     if (all_on_map) return;
     for (int n = 0; n < count; ++n) {
       const bool is_on_map = LocateKnot(points_m[n].x(), knot_interval_m) &&
@@ -145,23 +125,26 @@ class BlockEvaluator {
     for (int k = 0; k < num_keys; ++k) tiles_[k] = &ContentOf(found_[k], section);
   }
 
-  void LoadRows(int count) {
+  // A processor waits for many points of a large map at once if their control points are fetched
+  // before any of them is evaluated.
+  void FindPatches(int count) {
     for (int n = 0; n < count; ++n) {
-      firsts_[n] =
+      const ControlPoint* const patch =
           tiles_[key_indices_[n]]->control_points.data() + IndexInTile(block_.i[n], block_.j[n]);
+      for (int row = 0; row < 4; ++row) __builtin_prefetch(patch + Tile::kSide * row);
+      block_.patches[n] = patch;
     }
+    ControlPoint* copy = nullptr;
     for (int k = 0; k < num_crossing_; ++k) {
       const int n = crossing_[k];
-      patches_[k] = CrossingPatch(&tiles_[key_indices_[n]], block_.i[n], block_.j[n]);
-      firsts_[n] = kUntouched.control_points.data();
-    }
-    for (int n = 0; n < count; ++n) {
-      for (int row = 0; row < 4; ++row) {
-        block_.rows[row][n] = LoadRow(firsts_[n] + Tile::kSide * row);
+      // Neighbours often have the same patch.
+      const bool is_copied = k > 0 && block_.i[n] == block_.i[crossing_[k - 1]] &&
+                             block_.j[n] == block_.j[crossing_[k - 1]];
+      if (!is_copied) {
+        copy = &copies_[IndexInTile(4 * k, k / (Tile::kSide / 4) * 4)];
+        CopyCrossingPatch(&tiles_[key_indices_[n]], block_.i[n], block_.j[n], copy);
       }
-    }
-    for (int k = 0; k < num_crossing_; ++k) {
-      for (int row = 0; row < 4; ++row) block_.rows[row][crossing_[k]] = patches_[k].Row(row);
+      block_.patches[n] = copy;
     }
   }
 
@@ -175,11 +158,10 @@ class BlockEvaluator {
   std::array<const Tile*, 4 * PointBlock::kSize> tiles_;        // the same
   // By point: its tile, or the first of the four of its square.
   std::array<int, PointBlock::kSize> key_indices_;
-  std::array<const ControlPoint*, PointBlock::kSize> firsts_;
-  // Points whose patches lie in several tiles.
+  // Points whose patches lie in several tiles, and copies of those, side by side.
   int num_crossing_ = 0;
   std::array<int, PointBlock::kSize> crossing_;
-  std::array<CrossingPatch, PointBlock::kSize> patches_;
+  std::array<ControlPoint, 16 * PointBlock::kSize> copies_;
 };
 
 }  // namespace
@@ -188,8 +170,10 @@ SurfaceSample MapView::Evaluate(double x_m, double y_m) const {
   const auto x = LocateKnot(x_m, options.knot_interval_m);
   const auto y = LocateKnot(y_m, options.knot_interval_m);
   if (!x || !y) return {};
-  return splinemap::Evaluate(LoadRows(tiles, x->index - 1, y->index - 1), *x, *y,
-                             options.knot_interval_m);
+  const ReadSection section;
+  return EvaluateAt(*x, *y, options.knot_interval_m, [&](TileKey key) -> const Tile& {
+    return ContentOf(tiles.Find(key), section);
+  });
 }
 
 PathReader::PathReader(std::shared_ptr<const MapView> map) : map_(std::move(map)) {}
@@ -199,9 +183,8 @@ SurfaceSample PathReader::Evaluate(double x_m, double y_m) {
   const auto x = LocateKnot(x_m, knot_interval_m);
   const auto y = LocateKnot(y_m, knot_interval_m);
   if (!x || !y) return {};
-  const PatchRows rows =
-      LoadRows(x->index - 1, y->index - 1, [&](TileKey key) -> const Tile& { return TileAt(key); });
-  return splinemap::Evaluate(rows, *x, *y, knot_interval_m);
+  return EvaluateAt(*x, *y, knot_interval_m,
+                    [&](TileKey key) -> const Tile& { return TileAt(key); });
 }
 
 const Tile& PathReader::TileAt(TileKey key) {
@@ -219,13 +202,17 @@ Eigen::Matrix2d MapView::Hessian(double x_m, double y_m) const {
   const auto x = LocateKnot(x_m, options.knot_interval_m);
   const auto y = LocateKnot(y_m, options.knot_interval_m);
   if (!x || !y) return Eigen::Matrix2d::Zero();
-  const PatchRows rows = LoadRows(tiles, x->index - 1, y->index - 1);
-  ControlPatch patch;
-  for (int k = 0; k < 16; ++k) {
-    const auto units = static_cast<ControlPoint>(rows[k / 4] >> (16 * (k % 4)) & 0xffff);
-    patch(k / 4, k % 4) = kLogOddsPerUnit * units;
-  }
-  return PatchHessian(patch, x->t, y->t, options.knot_interval_m);
+  const ReadSection section;
+  const auto content_of = [&](TileKey key) -> const Tile& {
+    return ContentOf(tiles.Find(key), section);
+  };
+  return UsePatch(x->index - 1, y->index - 1, content_of, [&](const ControlPoint* units) {
+    ControlPatch patch;
+    for (int k = 0; k < 16; ++k) {
+      patch(k / 4, k % 4) = kLogOddsPerUnit * units[Tile::kSide * (k / 4) + k % 4];
+    }
+    return PatchHessian(patch, x->t, y->t, options.knot_interval_m);
+  });
 }
 
 void MapView::EvaluateMany(absl::Span<const Eigen::Vector2d> points_m,

@@ -32,17 +32,9 @@ __attribute__((always_inline)) inline Doubles4 BasisDerivativeRow(double t) {
   return (3 * BasisPieces(3) * t + 2 * BasisPieces(2)) * t + BasisPieces(1);
 }
 
-__attribute__((always_inline)) inline double Dot(Doubles4 a, Doubles4 b) {
-  const Doubles4 products = a * b;
-  return (products[0] + products[1]) + (products[2] + products[3]);
-}
-
-// (Dot(rows[0], b), .., Dot(rows[3], b)).
-__attribute__((always_inline)) inline Doubles4 DotRows(const Doubles4 (&rows)[4], Doubles4 b) {
-  const Doubles4 p0 = rows[0] * b;
-  const Doubles4 p1 = rows[1] * b;
-  const Doubles4 p2 = rows[2] * b;
-  const Doubles4 p3 = rows[3] * b;
+// The sums of each of four vectors.
+__attribute__((always_inline)) inline Doubles4 Sums(Doubles4 p0, Doubles4 p1, Doubles4 p2,
+                                                    Doubles4 p3) {
   const Doubles4 s01 =
       __builtin_shufflevector(p0, p1, 0, 4, 2, 6) + __builtin_shufflevector(p0, p1, 1, 5, 3, 7);
   const Doubles4 s23 =
@@ -51,16 +43,19 @@ __attribute__((always_inline)) inline Doubles4 DotRows(const Doubles4 (&rows)[4]
          __builtin_shufflevector(s01, s23, 2, 3, 6, 7);
 }
 
-// One point. `rows`: its control points, of which `scale` makes log-odds. Leaves sample.known.
-__attribute__((always_inline)) inline void EvaluateRows(const Doubles4 (&rows)[4], double t_x,
-                                                        double t_y, double scale,
-                                                        double knots_per_m, SurfaceSample& sample) {
-  const Doubles4 sums = DotRows(rows, BasisRow(t_x));
-  const Doubles4 derivative_sums = DotRows(rows, BasisDerivativeRow(t_x));
+// One point: (ds/dx, ds/dy, s, 0), as SurfaceSample has them. `rows`: its control points, of which
+// `scale` makes log-odds.
+__attribute__((always_inline)) inline Doubles4 EvaluateRows(const Doubles4 (&rows)[4], double t_x,
+                                                            double t_y, double scale,
+                                                            double knots_per_m) {
+  const Doubles4 bx = BasisRow(t_x);
+  const Doubles4 dbx = BasisDerivativeRow(t_x);
+  const Doubles4 sums = Sums(rows[0] * bx, rows[1] * bx, rows[2] * bx, rows[3] * bx);
+  const Doubles4 derivative_sums = Sums(rows[0] * dbx, rows[1] * dbx, rows[2] * dbx, rows[3] * dbx);
   const Doubles4 by = BasisRow(t_y);
-  sample.log_odds = scale * Dot(by, sums);
-  sample.gradient_per_m.x() = scale * knots_per_m * Dot(by, derivative_sums);
-  sample.gradient_per_m.y() = scale * knots_per_m * Dot(BasisDerivativeRow(t_y), sums);
+  const double scale_per_m = scale * knots_per_m;
+  return Doubles4{scale_per_m, scale_per_m, scale, 0} *
+         Sums(by * derivative_sums, BasisDerivativeRow(t_y) * sums, by * sums, Doubles4{});
 }
 
 // One number of the basis for four points.
@@ -78,12 +73,18 @@ __attribute__((always_inline)) inline Doubles4 SumOf4(const Doubles4 (&a)[4],
   return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]);
 }
 
-// 16 bits of each word as signed integers. There is no vector conversion of 64-bit integers before
-// AVX-512; but 2^52 + n, for small n >= 0, is a double whose low bits are n.
+// Number k of the four control points in each word, of which the sign bits are flipped. There is no
+// vector conversion of 64-bit integers before AVX-512; but 2^52 + n, for small n >= 0, is a double
+// whose low bits are n.
 __attribute__((always_inline)) inline Doubles4 ControlPointOf4(Words4 row, int k) {
   constexpr uint64_t kTwo52 = 0x4330000000000000;
-  constexpr uint64_t kSign = 0x8000;
-  const Words4 bits = (((row >> (16 * k)) & 0xffff) ^ kSign) | kTwo52;
+  row >>= 16 * k;
+#ifdef __AVX2__
+  const __m256i bits =
+      _mm256_blend_epi16(_mm256_set1_epi64x(kTwo52), reinterpret_cast<__m256i>(row), 0x11);
+#else
+  const Words4 bits = (row & 0xffff) | kTwo52;
+#endif
   return reinterpret_cast<Doubles4>(bits) - (0x1p52 + 0x1p15);
 }
 
@@ -106,8 +107,9 @@ __attribute__((always_inline)) inline Samples4 EvaluateRowsOf4(const Words4 (&ro
   Doubles4 sums[4];
   Doubles4 derivative_sums[4];
   for (int r = 0; r < 4; ++r) {
+    const Words4 row = rows[r] ^ 0x8000800080008000;
     Doubles4 c[4];
-    for (int k = 0; k < 4; ++k) c[k] = ControlPointOf4(rows[r], k);
+    for (int k = 0; k < 4; ++k) c[k] = ControlPointOf4(row, k);
     sums[r] = SumOf4(c, bx);
     derivative_sums[r] = SumOf4(c, dbx);
   }

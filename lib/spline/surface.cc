@@ -12,9 +12,8 @@ SurfaceSample EvaluatePatch(const ControlPatch& control_points, double t_x, doub
                             double knot_interval_m) {
   Doubles4 rows[4];
   std::memcpy(rows, control_points.data(), sizeof(rows));
-  SurfaceSample sample;
-  EvaluateRows(rows, t_x, t_y, 1, 1 / knot_interval_m, sample);
-  return sample;
+  const Doubles4 sample = EvaluateRows(rows, t_x, t_y, 1, 1 / knot_interval_m);
+  return {{sample[0], sample[1]}, sample[2], false};
 }
 
 Eigen::Matrix2d PatchHessian(const ControlPatch& control_points, double t_x, double t_y,

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
+#include <cmath>
 #include <limits>
 #include <map>
 #include <memory>
@@ -13,6 +15,7 @@
 
 #include "lib/base/mutex.h"
 #include "lib/tiles/sum_tiles.h"
+#include "lib/tiles/tile_memory.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/random_map.h"
 
@@ -220,6 +223,42 @@ SurfaceSample SimplyEvaluated(const TileTree& tiles, double x_m, double y_m) {
   return sample;
 }
 
+// Zeros have the same sign, too.
+void ExpectSameBytes(const SurfaceSample& sample, const SurfaceSample& expected) {
+  ASSERT_EQ(std::bit_cast<uint64_t>(sample.log_odds), std::bit_cast<uint64_t>(expected.log_odds));
+  for (int k = 0; k < 2; ++k) {
+    ASSERT_EQ(std::bit_cast<uint64_t>(sample.gradient_per_m[k]),
+              std::bit_cast<uint64_t>(expected.gradient_per_m[k]));
+  }
+  ASSERT_EQ(sample.known, expected.known);
+}
+
+// At random; on the lines between tiles and beside them; along a path that goes on and off them;
+// and off the map in between.
+std::vector<Eigen::Vector2d> AllKindsOfPoints(std::mt19937_64& random) {
+  std::uniform_real_distribution<double> coordinate_m(-7, 7);
+  std::vector<Eigen::Vector2d> points_m = {{std::nan(""), 0}, {0, 1e300}, {1e5, 1e5}, {-0.0, 0.0}};
+  while (points_m.size() < 5001) {
+    const double x_m = coordinate_m(random);
+    points_m.emplace_back(x_m, coordinate_m(random));
+  }
+  for (int n = -100; n <= 100; ++n) {
+    points_m.emplace_back(0.05 * n, coordinate_m(random));
+    points_m.emplace_back(1.6 * (n % 4) + 0.01 * n, 0.05 * n);
+  }
+  std::normal_distribution<double> turn_rad(0, 0.05);
+  Eigen::Vector2d point_m(-1, -1);
+  double yaw_rad = 0.5;
+  for (int n = 0; n < 3000; ++n) {
+    points_m.push_back(point_m);
+    if (n % 97 == 0) points_m.emplace_back(point_m.x(), std::nan(""));
+    yaw_rad += turn_rad(random);
+    if (point_m.norm() > 5) yaw_rad = std::atan2(-point_m.y(), -point_m.x());
+    point_m += 0.01 * Eigen::Vector2d(std::cos(yaw_rad), std::sin(yaw_rad));
+  }
+  return points_m;
+}
+
 TEST(MapViewTest, ManyPointsAtOnceGiveTheSameBytes) {
   std::mt19937_64 random(5);
   MapWriter map({0.05, kLimits});
@@ -227,28 +266,84 @@ TEST(MapViewTest, ManyPointsAtOnceGiveTheSameBytes) {
   layer.BeginCommit();
   for (int n = 0; n < 30; ++n) layer.EditTile(RandomKey(random, 3)) = RandomTile(random);
   const auto view = map.View();
-  std::uniform_real_distribution<double> coordinate_m(-7, 7);
-  std::vector<Eigen::Vector2d> points_m = {{std::nan(""), 0}, {0, 1e300}, {1e5, 1e5}};
-  while (points_m.size() < 5001) {
-    const double x_m = coordinate_m(random);
-    points_m.emplace_back(x_m, coordinate_m(random));
-  }
+  const std::vector<Eigen::Vector2d> points_m = AllKindsOfPoints(random);
   std::vector<SurfaceSample> samples(points_m.size());
   view->EvaluateMany(points_m, absl::MakeSpan(samples));
   PathReader reader(view);
-  int known = 0;
+  size_t known = 0;
   for (size_t n = 0; n < points_m.size(); ++n) {
+    SCOPED_TRACE(points_m[n].transpose());
     const SurfaceSample expected = SimplyEvaluated(view->tiles, points_m[n].x(), points_m[n].y());
-    const SurfaceSample read = reader.Evaluate(points_m[n].x(), points_m[n].y());
-    for (const SurfaceSample& sample : {samples[n], read}) {
-      ASSERT_EQ(sample.log_odds, expected.log_odds) << points_m[n].transpose();
-      ASSERT_EQ(sample.gradient_per_m, expected.gradient_per_m);
-      ASSERT_EQ(sample.known, expected.known);
-    }
+    ExpectSameBytes(samples[n], expected);
+    ExpectSameBytes(view->Evaluate(points_m[n].x(), points_m[n].y()), expected);
+    ExpectSameBytes(reader.Evaluate(points_m[n].x(), points_m[n].y()), expected);
     known += samples[n].known;
   }
-  EXPECT_GT(known, 500);
-  EXPECT_LT(known, 4000);
+  EXPECT_GT(known, points_m.size() / 10);
+  EXPECT_LT(known, points_m.size() * 8 / 10);
+}
+
+TEST(MapViewTest, BatchesOfEverySizeGiveTheSameBytes) {
+  std::mt19937_64 random(6);
+  MapWriter map({0.05, kLimits});
+  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+  layer.BeginCommit();
+  for (int n = 0; n < 30; ++n) layer.EditTile(RandomKey(random, 3)) = RandomTile(random);
+  const auto view = map.View();
+  const std::vector<Eigen::Vector2d> points_m = AllKindsOfPoints(random);
+  size_t begin = 0;
+  for (size_t count = 0; begin + count <= points_m.size(); count = (count + 1) % 71) {
+    const auto batch_m = absl::MakeConstSpan(points_m).subspan(begin, count);
+    std::vector<SurfaceSample> samples(count);
+    view->EvaluateMany(batch_m, absl::MakeSpan(samples));
+    for (size_t n = 0; n < count; ++n) {
+      SCOPED_TRACE(batch_m[n].transpose());
+      ExpectSameBytes(samples[n], view->Evaluate(batch_m[n].x(), batch_m[n].y()));
+    }
+    begin += count;
+  }
+}
+
+// Has tiles by their numbers.
+class ListedTiles : public TileSource {
+ public:
+  ListedTiles(std::shared_ptr<TileMemory> memory, std::vector<Tile> tiles)
+      : TileSource(std::move(memory)), tiles_(std::move(tiles)) {}
+
+  std::shared_ptr<const Tile> Load(int64_t number, uint64_t /*checksum*/) override {
+    return std::make_shared<const Tile>(tiles_[number - 1]);
+  }
+
+ private:
+  const std::vector<Tile> tiles_;
+};
+
+TEST(MapViewTest, TilesThatLeaveMemoryGiveTheSameBytes) {
+  std::mt19937_64 random(7);
+  std::vector<Tile> tiles;
+  for (int n = 0; n < 64; ++n) tiles.push_back(RandomTile(random));
+  const auto memory = std::make_shared<TileMemory>(3);
+  const auto source = std::make_shared<ListedTiles>(memory, tiles);
+  TileTreeEditor stored;
+  TileTreeEditor in_memory;
+  for (int64_t n = 0; n < 64; ++n) {
+    const TileKey key{static_cast<int32_t>(n % 8 - 4), static_cast<int32_t>(n / 8 - 4)};
+    stored.Put(key, std::make_shared<const StoredTile>(source, n + 1), 1);
+    in_memory.Put(key, std::make_shared<const StoredTile>(tiles[n]), 1);
+  }
+  const auto view = std::make_shared<const MapView>(MapView{{0.05, kLimits}, 1, stored.Freeze()});
+  const MapView expected{{0.05, kLimits}, 1, in_memory.Freeze()};
+  const std::vector<Eigen::Vector2d> points_m = AllKindsOfPoints(random);
+  std::vector<SurfaceSample> samples(points_m.size());
+  view->EvaluateMany(points_m, absl::MakeSpan(samples));
+  PathReader reader(view);
+  for (size_t n = 0; n < points_m.size(); ++n) {
+    const SurfaceSample sample = expected.Evaluate(points_m[n].x(), points_m[n].y());
+    ExpectSameBytes(samples[n], sample);
+    ExpectSameBytes(view->Evaluate(points_m[n].x(), points_m[n].y()), sample);
+    ExpectSameBytes(reader.Evaluate(points_m[n].x(), points_m[n].y()), sample);
+  }
+  EXPECT_LE(memory->num_tiles(), 3u);
 }
 
 TEST(MapViewTest, FarAndUndefinedPointsAreUnknown) {
