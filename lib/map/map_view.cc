@@ -30,6 +30,15 @@ std::array<TileKey, 4> SquareOf(int32_t i, int32_t j) {
   return {first, TileKey{last.tx, first.ty}, TileKey{first.tx, last.ty}, last};
 }
 
+// Has a patch on its way from a tile at that address, where there may be none any more.
+void FetchPatch(uintptr_t tile, int32_t i, int32_t j) {
+  const uintptr_t first = tile + sizeof(ControlPoint) * IndexInTile(i, j);
+  for (int row = 0; row < 4; ++row) {
+    __builtin_prefetch(
+        reinterpret_cast<const void*>(first + sizeof(ControlPoint) * Tile::kSide * row));
+  }
+}
+
 // Copies a patch that lies in several tiles, which are those of SquareOf(i, j), to where a kernel
 // can read it: four control points each to rows as far apart as those of a tile.
 void CopyCrossingPatch(const Tile* const* square, int32_t i, int32_t j, ControlPoint* to) {
@@ -129,10 +138,9 @@ class BlockEvaluator {
   // before any of them is evaluated.
   void FindPatches(int count) {
     for (int n = 0; n < count; ++n) {
-      const ControlPoint* const patch =
-          tiles_[key_indices_[n]]->control_points.data() + IndexInTile(block_.i[n], block_.j[n]);
-      for (int row = 0; row < 4; ++row) __builtin_prefetch(patch + Tile::kSide * row);
-      block_.patches[n] = patch;
+      const Tile* const tile = tiles_[key_indices_[n]];
+      FetchPatch(reinterpret_cast<uintptr_t>(tile), block_.i[n], block_.j[n]);
+      block_.patches[n] = &tile->control_points[IndexInTile(block_.i[n], block_.j[n])];
     }
     ControlPoint* copy = nullptr;
     for (int k = 0; k < num_crossing_; ++k) {
@@ -172,7 +180,13 @@ SurfaceSample MapView::Evaluate(double x_m, double y_m) const {
   if (!x || !y) return {};
   const ReadSection section;
   return EvaluateAt(*x, *y, options.knot_interval_m, [&](TileKey key) -> const Tile& {
-    return ContentOf(tiles.Find(key), section);
+    const TileTree::Hint* hint = nullptr;
+    const StoredTile* const tile = tiles.Find(key, hint);
+    if (tile == nullptr) return kUntouched;
+    FetchPatch(hint->address(), x->index - 1, y->index - 1);
+    const Tile& content = tile->Read(section);
+    hint->Set(&content);
+    return content;
   });
 }
 

@@ -55,6 +55,7 @@ struct KeyTree<Value>::Inner : Node {
 template <typename Value>
 struct KeyTree<Value>::Leaf : Node {
   std::array<std::shared_ptr<const Value>, 64> tiles;
+  std::array<Hint, 64> hints;
   std::array<uint64_t, 64> revisions{};
   std::array<uint64_t, 64> versions{};  // of the last change
   std::bitset<64> is_shared;            // with others than trees, who must not see edits
@@ -83,6 +84,16 @@ template <typename Value>
 const Value* KeyTree<Value>::Find(TileKey key) const {
   const Leaf* leaf = FindLeaf(key);
   return leaf == nullptr ? nullptr : leaf->tiles[key_tree::ChildInLeaf(key)].get();
+}
+
+template <typename Value>
+const Value* KeyTree<Value>::Find(TileKey key, const Hint*& hint) const {
+  const Leaf* leaf = FindLeaf(key);
+  if (leaf == nullptr) return nullptr;
+  const int child = key_tree::ChildInLeaf(key);
+  const Value* value = leaf->tiles[child].get();
+  if (value != nullptr) hint = &leaf->hints[child];
+  return value;
 }
 
 // The second loop is short, so that the processor waits for many leaves at once.

@@ -61,6 +61,31 @@ TEST(TileTreeTest, VisitsWhatLiesInARectangle) {
   EXPECT_EQ(count, 1);
 }
 
+TEST(TileTreeTest, HintsStayWithAFrozenTree) {
+  TileTreeEditor editor;
+  editor.Edit({2, 3}, 1);
+  const TileTree frozen = editor.Freeze();
+  const TileTree::Hint* hint = nullptr;
+  EXPECT_EQ(frozen.Find({2, 2}, hint), nullptr);
+  EXPECT_EQ(frozen.Find({1000, 3}, hint), nullptr);
+  EXPECT_EQ(hint, nullptr);
+  const StoredTile* const tile = frozen.Find({2, 3}, hint);
+  EXPECT_EQ(tile, frozen.Find({2, 3}));
+  ASSERT_NE(hint, nullptr);
+  EXPECT_EQ(hint->address(), 0u);
+  hint->Set(tile);
+  const TileTree::Hint* again = nullptr;
+  TileTree(frozen).Find({2, 3}, again);
+  EXPECT_EQ(again, hint);
+  EXPECT_EQ(again->address(), reinterpret_cast<uintptr_t>(tile));
+  // What is written is another tile, elsewhere.
+  editor.Edit({2, 3}, 2);
+  const TileTree next = editor.Freeze();
+  EXPECT_NE(next.Find({2, 3}, again), tile);
+  EXPECT_EQ(again->address(), 0u);
+  EXPECT_EQ(hint->address(), reinterpret_cast<uintptr_t>(tile));
+}
+
 TEST(TileTreeTest, HoldsKeysOfEverySignAndSize) {
   constexpr int32_t kFar = kMaxKnotIndex >> 5;
   const std::vector<TileKey> keys = {{0, 0},       {-1, 0},         {0, -1},       {-1, -1},

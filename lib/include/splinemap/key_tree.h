@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -32,6 +33,25 @@ class KeyTree {
 
   // Null where it is absent. Valid as long as this tree.
   const Value* Find(TileKey key) const;
+  // What readers leave beside a value for the next of them: an address to fetch while the value
+  // itself is still on its way. May be out of date, and so is good for nothing else. 0: none.
+  class Hint {
+   public:
+    Hint() = default;
+    Hint(const Hint& /*other*/) {}
+    Hint& operator=(const Hint& /*other*/) = delete;
+
+    uintptr_t address() const { return address_.load(std::memory_order_relaxed); }
+    void Set(const void* next) const {
+      const auto next_address = reinterpret_cast<uintptr_t>(next);
+      if (address() != next_address) address_.store(next_address, std::memory_order_relaxed);
+    }
+
+   private:
+    mutable std::atomic<uintptr_t> address_{0};
+  };
+  // The same, with the hint beside it. Leaves `hint` where the value is absent.
+  const Value* Find(TileKey key, const Hint*& hint) const;
   // The same for many keys, faster where the tree is larger than the caches. Requires as many
   // values as keys.
   void FindMany(absl::Span<const TileKey> keys, absl::Span<const Value*> values) const;
