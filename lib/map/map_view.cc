@@ -149,7 +149,7 @@ class BlockEvaluator {
       const bool is_copied = k > 0 && block_.i[n] == block_.i[crossing_[k - 1]] &&
                              block_.j[n] == block_.j[crossing_[k - 1]];
       if (!is_copied) {
-        copy = &copies_[IndexInTile(4 * k, k / (Tile::kSide / 4) * 4)];
+        copy = &copies_[4 * (k % 8) + 4 * Tile::kSide * (k / 8)];
         CopyCrossingPatch(&tiles_[key_indices_[n]], block_.i[n], block_.j[n], copy);
       }
       block_.patches[n] = copy;
@@ -166,7 +166,7 @@ class BlockEvaluator {
   std::array<const Tile*, 4 * PointBlock::kSize> tiles_;        // the same
   // By point: its tile, or the first of the four of its square.
   std::array<int, PointBlock::kSize> key_indices_;
-  // Points whose patches lie in several tiles, and copies of those, side by side.
+  // Points whose patches lie in several tiles, and copies of those, eight side by side.
   int num_crossing_ = 0;
   std::array<int, PointBlock::kSize> crossing_;
   std::array<ControlPoint, 16 * PointBlock::kSize> copies_;
