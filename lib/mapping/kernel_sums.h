@@ -74,6 +74,10 @@ static_assert(kBlockRows / 2 == 64);
   return ~is_left_out & kAllPairs >> (64 - pairs);
 }
 
+// Masks of eight, by where they are loaded from.
+constexpr int32_t kFromEighth[16] = {0, 0, 0, 0, 0, 0, 0, 0, -1, -1, -1, -1, -1, -1, -1, -1};
+constexpr int32_t kUpToEighth[16] = {-1, -1, -1, -1, -1, -1, -1, -1, 0, 0, 0, 0, 0, 0, 0, 0};
+
 template <typename Sum>
 void AddLine(const FreeLine& line, const Sum* table, SumPlane<Sum>& plane) {
   using Table = FreeLineTable<Sum>;
@@ -129,13 +133,11 @@ void AddLine(const FreeLine& line, const Sum* table, SumPlane<Sum>& plane) {
       add_pair(Row<Sum>{} - is_whole);
 
       const uint32_t groups = GroupsOf(run_row, end_row - 1);
-      const auto first_tile = static_cast<int32_t>((x < run_x ? x : run_x) >> kTileShift);
-      const auto last_tile =
-          static_cast<int32_t>(((x < run_x ? run_x : x) + kLastColumn) >> kTileShift);
-      const Int32x8 tile = {0, 1, 2, 3, 4, 5, 6, 7};
-      static_assert(sizeof block->touched == sizeof tile);
+      const uint32_t first_tile = (x < run_x ? x : run_x) >> kTileShift;
+      const uint32_t last_tile = ((x < run_x ? run_x : x) + kLastColumn) >> kTileShift;
+      static_assert(sizeof block->touched == sizeof(Int32x8));
       const Int32x8 is_touched =
-          IsLess(Int32x8{} + (first_tile - 1), tile) & IsLess(tile, Int32x8{} + (last_tile + 1));
+          Load<Int32x8>(kFromEighth + 8 - first_tile) & Load<Int32x8>(kUpToEighth + 7 - last_tile);
       Store(Load<Int32x8>(block->touched) | (is_touched & static_cast<int32_t>(groups)),
             block->touched);
     }

@@ -27,8 +27,9 @@ const std::vector<ScanKernel>& ScanKernels() {
     std::vector<ScanKernel> runnable{plain::kScanKernel};
 #ifdef __x86_64__
     if (__builtin_cpu_supports("sse4.1")) runnable.push_back(sse4::kScanKernel);
-    if (__builtin_cpu_supports("avx2")) runnable.push_back(avx2::kScanKernel);
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+    const bool has_bmi = __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
+    if (has_bmi && __builtin_cpu_supports("avx2")) runnable.push_back(avx2::kScanKernel);
+    if (has_bmi && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
         __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {
       runnable.push_back(avx512::kScanKernel);
     }
