@@ -122,16 +122,19 @@ Sums Clamp(Sums v, ControlLimits limits) {
 void Commit(int32_t* sums, ControlLimits limits, ControlLimits scan_limits,
             ControlPoint* control_points) {
   for (int row = 0; row < kSide; ++row) {
-    for (int k = 0; k < kSide; k += kLanes) {
-      int32_t* const some = sums + row * kStride<int32_t> + k;
-      const Sums change = Rounded(Load<Sums>(some));
-      Store(Sums{}, some);
-      const Sums old = Widen(Load<ControlPoints>(control_points));
-      Sums result = Clamp(old + Clamp(change, scan_limits), limits);
-      result = result == 0 ? Sums{} + 1 : result;  // what was touched stays known
-      result = change == 0 ? old : result;
-      Store(Narrow(result), control_points);
-      control_points += kLanes;
+    for (int k = 0; k < kSide; k += 2 * kLanes) {
+      Sums results[2];
+      for (int half = 0; half < 2; ++half) {
+        int32_t* const some = sums + row * kStride<int32_t> + k + half * kLanes;
+        const Sums change = Rounded(Load<Sums>(some));
+        Store(Sums{}, some);
+        const Sums old = Widen(Load<ControlPoints>(control_points + half * kLanes));
+        Sums result = Clamp(old + Clamp(change, scan_limits), limits);
+        result = result == 0 ? Sums{} + 1 : result;  // what was touched stays known
+        results[half] = change == 0 ? old : result;
+      }
+      Store(Narrow(results[0], results[1]), control_points);
+      control_points += 2 * kLanes;
     }
   }
 }
@@ -186,8 +189,8 @@ struct Votes {
 [[gnu::always_inline]] inline Votes TakeVotes(const uint16_t* free, FaceSum* faces) {
   constexpr float kRange = SignedDistance::kOccupied - SignedDistance::kFree;
   constexpr int kMost = SignedDistance::kMostWeight;
-  ControlPoints distances[2];
-  ControlPoints weights[2];
+  Sums distances[2];
+  Sums weights[2];
   for (int half = 0; half < 2; ++half) {
     FaceSum* const some = faces + half * kLanes;
     const auto first = Load<Sums>(some);
@@ -201,11 +204,10 @@ struct Votes {
     weight += Widen(free_weight);
     const Shares share = __builtin_convertvector(occupied, Shares) /
                          __builtin_convertvector(weight > 0 ? weight : Sums{} + 1, Shares);
-    distances[half] =
-        Narrow(SignedDistance::kFree + __builtin_convertvector(share * kRange + 0.5F, Sums));
-    weights[half] = Narrow(weight < kMost ? weight : Sums{} + kMost);
+    distances[half] = SignedDistance::kFree + __builtin_convertvector(share * kRange + 0.5F, Sums);
+    weights[half] = weight < kMost ? weight : Sums{} + kMost;
   }
-  return {Join(distances[0], distances[1]), Join(weights[0], weights[1])};
+  return {Narrow(distances[0], distances[1]), Narrow(weights[0], weights[1])};
 }
 
 // Control points moved to their signed distance as far as the weight says; those without weight

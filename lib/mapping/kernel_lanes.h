@@ -148,16 +148,24 @@ Sums Widen(HalfWeights v) {
 #endif
 }
 
-ControlPoints Narrow(Sums v) {
-#if defined(__SSE2__) && !defined(__AVX2__)
-  const auto whole = reinterpret_cast<__m128i>(v);
-  return reinterpret_cast<ControlPoints>(_mm_cvtsi128_si64(_mm_packs_epi32(whole, whole)));
-#elif defined(__AVX2__) && !defined(__AVX512F__)
-  const auto whole = reinterpret_cast<__m256i>(v);
-  const __m256i packed = _mm256_permute4x64_epi64(_mm256_packs_epi32(whole, whole), 0x08);
-  return reinterpret_cast<ControlPoints>(_mm256_castsi256_si128(packed));
+WholeControlPoints Narrow(Sums a, Sums b) {
+#if defined(__AVX2__) && !defined(__AVX512F__)
+  const __m256i packed =
+      _mm256_packs_epi32(reinterpret_cast<__m256i>(a), reinterpret_cast<__m256i>(b));
+  return reinterpret_cast<WholeControlPoints>(_mm256_permute4x64_epi64(packed, 0xd8));
+#elif defined(__SSE2__) && !defined(__AVX512F__)
+  return reinterpret_cast<WholeControlPoints>(
+      _mm_packs_epi32(reinterpret_cast<__m128i>(a), reinterpret_cast<__m128i>(b)));
 #else
-  return __builtin_convertvector(v, ControlPoints);
+  const ControlPoints halves[] = {__builtin_convertvector(a, ControlPoints),
+                                  __builtin_convertvector(b, ControlPoints)};
+#if defined(__AVX512F__)
+  return __builtin_shufflevector(halves[0], halves[1], 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13,
+                                 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30,
+                                 31);
+#else
+  return __builtin_shufflevector(halves[0], halves[1], 0, 1, 2, 3, 4, 5, 6, 7);
+#endif
 #endif
 }
 
@@ -172,17 +180,6 @@ ControlPoints Narrow(Sums v) {
 #else
   first = __builtin_shufflevector(a, b, 0, 2, 4, 6);
   second = __builtin_shufflevector(a, b, 1, 3, 5, 7);
-#endif
-}
-
-[[gnu::always_inline]] inline WholeControlPoints Join(ControlPoints a, ControlPoints b) {
-#if defined(__AVX512F__)
-  return __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17,
-                                 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31);
-#elif defined(__AVX2__)
-  return __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-#else
-  return __builtin_shufflevector(a, b, 0, 1, 2, 3, 4, 5, 6, 7);
 #endif
 }
 
