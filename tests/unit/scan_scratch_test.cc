@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "lib/mapping/beam_model.h"
+#include "lib/tiles/tile_memory.h"
 #include "splinemap/map_view.h"
 
 namespace splinemap::scan_scratch_test {
@@ -243,6 +244,49 @@ TEST(SettledCellsTest, WhatIsLeftOutChangesNothingInEveryKernel) {
       EXPECT_EQ(layer.tiles().size(), whole.tiles().size());
       EXPECT_GT(settled, 100);
     }
+  }
+}
+
+// One tile, kept elsewhere, which is read while nothing is broken.
+class OneTile : public TileSource {
+ public:
+  explicit OneTile(const Tile& tile) : TileSource(std::make_shared<TileMemory>(1)), tile_(tile) {}
+  std::shared_ptr<const Tile> Load(int64_t /*number*/, uint64_t /*checksum*/) override {
+    return is_broken ? nullptr : std::make_shared<const Tile>(tile_);
+  }
+  bool is_broken = false;
+
+ private:
+  const Tile tile_;
+};
+
+TEST(TilesElsewhereTest, ATileThatLeavesMemoryBeforeItIsWrittenKeepsItsRows) {
+  Tile before;
+  for (int k = 0; k < Tile::kSize; ++k) {
+    before.control_points[k] = static_cast<ControlPoint>(k % 200 - 900);
+  }
+  const auto source = std::make_shared<OneTile>(before);
+  const auto other = std::make_shared<const StoredTile>(source, 2);
+  TileTreeEditor tiles;
+  tiles.Put({0, 0}, std::make_shared<const StoredTile>(source, 1), 1);
+  ScanScratch scratch;
+  BeamModel model({}, 0.05);
+  // Along the column of control points 20, up to row 14.
+  model.Accumulate(std::vector<PlacedBeam>{{{1.0, 0.2}, {0, 1}, 0.5, true}}, scratch);
+  int asked = 0;
+  scratch.CommitTo(tiles, 2, kLimits, {}, [&](TileKey key) {
+    EXPECT_EQ(key, (TileKey{0, 0}));
+    ++asked;
+    for (int n = 0; n < 3; ++n) other->Get();  // takes its place
+    source->is_broken = true;
+    EXPECT_EQ(tiles.tree().Find(key)->TryGet(), nullptr) << "it did not leave";
+    return true;
+  });
+  EXPECT_EQ(asked, 1);
+  const auto after = FindTile(tiles.tree(), {0, 0});
+  EXPECT_NE(after->control_points[IndexInTile(20, 10)], before.control_points[IndexInTile(20, 10)]);
+  for (int k = IndexInTile(0, 20); k < Tile::kSize; ++k) {
+    EXPECT_EQ(after->control_points[k], before.control_points[k]) << k;
   }
 }
 
