@@ -112,6 +112,24 @@ void CollectFaceCells(const SumPlane<FaceSum>& transposed, SumPlane<FaceSum>& up
   }
 }
 
+constexpr int kPointsOfGroup = RowGroups::kRows * Tile::kSide;
+
+struct TileToCommit {
+  TouchedTile<uint16_t> sums;
+  const StoredTile* stored;  // null where there is none yet
+};
+
+void Prefetch(const TileToCommit& tile, const ReadSection& section) {
+  const Tile* const content = tile.stored == nullptr ? nullptr : tile.stored->TryRead(section);
+  if (content == nullptr) return;
+  constexpr int kPointsPerCacheLine = 64 / sizeof(ControlPoint);
+  for (int k = 0; k < Tile::kSize; k += kPointsPerCacheLine) {
+    if ((tile.sums.groups >> (k / kPointsOfGroup) & 1) != 0) {
+      __builtin_prefetch(&content->control_points[k]);
+    }
+  }
+}
+
 // What cannot be read, which its source tells, stays as it is: no scan writes over it.
 bool IsReadable(const TileTreeEditor& tiles, TileKey key) {
   const StoredTile* tile = tiles.tree().Find(key);
@@ -196,13 +214,19 @@ void ScanScratch::CommitDistances(const Commit& commit) {
   ForEachTouched(faces_.upright, [&](TouchedTile<FaceSum> tile) {
     Touch(free_.upright, tile.tx, tile.ty, tile.groups);
   });
+  std::vector<TileToCommit> touched;
   ForEachTouched(free_.upright, [&](TouchedTile<uint16_t> tile) {
+    touched.push_back({tile, commit.tiles.tree().Find({tile.tx, tile.ty})});
+  });
+  const ReadSection section;  // for what leaves memory meanwhile
+  for (size_t n = 0; n < touched.size(); ++n) {
+    // Those of large maps are far.
+    if (n + 1 < touched.size()) Prefetch(touched[n + 1], section);
+    const auto& [tile, stored] = touched[n];
     const TileKey key{tile.tx, tile.ty};
     SumBlock<FaceSum>* const faces =
         faces_.upright.Find(tile.tx, tile.ty >> SumBlock<FaceSum>::kUpBits);
     const int up = tile.ty & (SumBlock<FaceSum>::kUp - 1);
-    const StoredTile* const stored = commit.tiles.tree().Find(key);
-    const ReadSection section;  // for what leaves memory meanwhile
     const Tile* const from = stored == nullptr ? &kUntouched : stored->TryRead(section);
     // What cannot be read, which its source tells, stays as it is: no scan writes over it.
     const bool is_readable = from != nullptr;
@@ -213,17 +237,17 @@ void ScanScratch::CommitDistances(const Commit& commit) {
         faces == nullptr ? 0 : faces->marks.of_tile[up], commit.limits,
         (is_readable ? *from : kUntouched).control_points.data(), result.control_points.data(),
         settled);
-    if (!is_changed || !is_readable || !commit.is_taken(key)) return;
+    if (!is_changed || !is_readable || !commit.is_taken(key)) continue;
     for (int group = 0; group < RowGroups::kPerTile; ++group) {
-      constexpr int kPoints = RowGroups::kRows * Tile::kSide;
       if ((tile.groups >> group & 1) != 0) continue;
-      std::memcpy(&result.control_points[group * kPoints], &from->control_points[group * kPoints],
-                  kPoints * sizeof(ControlPoint));
+      const int first = group * kPointsOfGroup;
+      std::memcpy(&result.control_points[first], &from->control_points[first],
+                  kPointsOfGroup * sizeof(ControlPoint));
     }
     StoredTile& edited = commit.tiles.Edit(key, commit.revision);
     edited.Edit() = result;
     edited.SetSettledCells(settled);
-  });
+  }
   free_.upright.Clear();
   faces_.upright.Clear();
 }
