@@ -98,16 +98,18 @@ void Place(absl::Span<const Beam> beams, absl::Span<const Pose2> world_T_sensor,
   const size_t poses_per_beam = world_T_sensor.size() == 1 ? 0 : 1;
   placed.resize(beams.size());
   for (size_t begin = 0; begin < beams.size(); begin += kBlock) {
+    // Plain pointers: spans are checked at each beam.
     const size_t count = std::min(kBlock, beams.size() - begin);
+    const Beam* const some = &beams[begin];
+    const Pose2* const poses = &world_T_sensor[begin * poses_per_beam];
+    PlacedBeam* const some_placed = &placed[begin];
     for (size_t k = 0; k < count; ++k) {
-      const Pose2& pose = world_T_sensor[(begin + k) * poses_per_beam];
-      bearings_world_rad[k] = pose.yaw_rad + double{beams[begin + k].bearing_rad};
+      bearings_world_rad[k] = poses[k * poses_per_beam].yaw_rad + double{some[k].bearing_rad};
     }
     UnitVectors({bearings_world_rad.data(), count}, absl::MakeSpan(directions_world));
     for (size_t k = 0; k < count; ++k) {
-      const Beam& beam = beams[begin + k];
-      placed[begin + k] = {world_T_sensor[(begin + k) * poses_per_beam].position_m,
-                           directions_world[k], double{beam.range_m}, beam.hit};
+      some_placed[k] = {poses[k * poses_per_beam].position_m, directions_world[k],
+                        double{some[k].range_m}, some[k].hit};
     }
   }
 }
