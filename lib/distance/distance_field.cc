@@ -139,7 +139,8 @@ DistanceField DistanceFieldEditor::Update(std::shared_ptr<const MapView> map) {
   absl::flat_hash_map<TileKey, BlockMask> marked;
   const std::vector<Change> changes = UpdateObstacles(*map, marked);
   UpdateRims(changes);
-  for (const bool came : {false, true}) {
+  // What came first: a vertex for which it is nearer than what went does not have to look around.
+  for (const bool came : {true, false}) {
     for (const Change& change : changes) {
       if (change.came == came) UpdateNear(change, marked);
     }

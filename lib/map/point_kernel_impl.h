@@ -20,18 +20,6 @@ static_assert(std::endian::native == std::endian::little);
 static_assert(sizeof(SurfaceSample) == sizeof(Doubles4));
 static_assert(offsetof(SurfaceSample, log_odds) == 16 && offsetof(SurfaceSample, known) == 24);
 
-template <typename Vector>
-[[gnu::always_inline]] inline Vector Load(const void* from) {
-  Vector vector;
-  __builtin_memcpy(&vector, from, sizeof vector);
-  return vector;
-}
-
-template <typename Vector>
-[[gnu::always_inline]] inline void Store(Vector vector, void* to) {
-  __builtin_memcpy(to, &vector, sizeof vector);
-}
-
 [[gnu::always_inline]] inline Doubles4 LoadControlPoints(const ControlPoint* row) {
 #ifdef __AVX__
   return ToDoubles(reinterpret_cast<Integers4>(

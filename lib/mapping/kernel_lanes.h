@@ -4,7 +4,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <type_traits>
 #ifdef __SSE2__
 #include <immintrin.h>
 #endif
@@ -29,8 +28,7 @@ constexpr int kLanes = 4;
 
 // Vectors of GCC and Clang, for every processor.
 using Int32x4 [[gnu::vector_size(16)]] = int32_t;
-using Int32x8 [[gnu::vector_size(32)]] = int32_t;
-using Floats8 [[gnu::vector_size(32)]] = float;
+using Int32x8 = Integers8;
 using Floats4 [[gnu::vector_size(16)]] = float;
 using Uint16x8 [[gnu::vector_size(16)]] = uint16_t;
 using Sums [[gnu::vector_size(4 * kLanes)]] = int32_t;
@@ -67,18 +65,6 @@ struct RowOf<FaceSum> {
 };
 template <typename Sum>
 using Row = typename RowOf<Sum>::Type;
-
-template <typename Vector>
-Vector Load(const void* from) {
-  Vector vector;
-  __builtin_memcpy(&vector, from, sizeof vector);
-  return vector;
-}
-
-template <typename Vector>
-void Store(Vector vector, void* to) {
-  __builtin_memcpy(to, &vector, sizeof vector);
-}
 
 template <typename Vector>
 [[gnu::always_inline]] inline Vector Plus(Vector a, Vector b) {
@@ -182,56 +168,6 @@ WholeControlPoints Narrow(Sums a, Sums b) {
   second = __builtin_shufflevector(a, b, 1, 3, 5, 7);
 #endif
 }
-
-// Compilers take comparisons of vectors that are wider than the registers apart into scalars, and
-// what follows from them, too. Of 32 bytes, as all of the following:
-template <typename Vector>
-using MaskOf = decltype(Vector{} < Vector{});
-
-template <typename Vector>
-[[gnu::always_inline]] inline MaskOf<Vector> IsLess(Vector a, Vector b) {
-#ifdef __AVX2__
-  return a < b;
-#else
-  using Half [[gnu::vector_size(16)]] = std::remove_cvref_t<decltype(a[0])>;
-  Half as[2];
-  Half bs[2];
-  __builtin_memcpy(as, &a, sizeof a);
-  __builtin_memcpy(bs, &b, sizeof b);
-  const decltype(as[0] < bs[0]) masks[] = {as[0] < bs[0], as[1] < bs[1]};
-  return Load<MaskOf<Vector> >(masks);
-#endif
-}
-template <typename Mask, typename Vector>
-[[gnu::always_inline]] inline Vector Select(Mask mask, Vector a, Vector b) {
-#ifdef __AVX2__
-  return mask ? a : b;
-#else
-  return reinterpret_cast<Vector>((mask & reinterpret_cast<Mask>(a)) |
-                                  (~mask & reinterpret_cast<Mask>(b)));
-#endif
-}
-// Of numbers.
-template <typename Vector>
-[[gnu::always_inline]] inline Vector Lesser(Vector a, Vector b) {
-  return Select(IsLess(a, b), a, b);
-}
-template <typename Vector>
-[[gnu::always_inline]] inline Vector Greater(Vector a, Vector b) {
-  return Select(IsLess(a, b), b, a);
-}
-#ifdef __AVX2__
-template <>
-[[gnu::always_inline]] inline Floats8 Lesser(Floats8 a, Floats8 b) {
-  return reinterpret_cast<Floats8>(
-      _mm256_min_ps(reinterpret_cast<__m256>(a), reinterpret_cast<__m256>(b)));
-}
-template <>
-[[gnu::always_inline]] inline Floats8 Greater(Floats8 a, Floats8 b) {
-  return reinterpret_cast<Floats8>(
-      _mm256_max_ps(reinterpret_cast<__m256>(a), reinterpret_cast<__m256>(b)));
-}
-#endif
 
 [[gnu::always_inline]] inline Int32x8 Joined(Integers4 a, Integers4 b) {
 #ifdef __AVX2__

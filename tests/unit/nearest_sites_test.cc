@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <random>
 #include <tuple>
@@ -56,7 +57,8 @@ class OffsetsOfBlock {
 TEST(NearestSitesTest, AreThoseOfBruteForceInWhateverOrderTheyCome) {
   std::mt19937_64 random(1);
   int num_ties = 0;
-  for (const int extent : {40, 300, 2000, 16'000}) {
+  for (int n = 0; n < 20 * 4; ++n) {
+    const int extent = std::array{40, 300, 2000, 16'000}[n % 4];
     for (const int count : {1, 2, 7, 63, 64, 65, 200, 1000}) {
       std::uniform_int_distribution<int> coordinate(-extent, extent - 1);
       const VertexBlock block{static_cast<int>(random() % 25), static_cast<int>(random() % 25)};
@@ -70,31 +72,28 @@ TEST(NearestSitesTest, AreThoseOfBruteForceInWhateverOrderTheyCome) {
         site = SiteAt(static_cast<int>(0.9 * extent * std::cos(angle)) | 1,
                       static_cast<int>(0.9 * extent * std::sin(angle)) | 1);
       }
-      for (const bool plainly : {false, true}) {
-        OffsetsOfBlock offsets;
-        offsets.FillWithLost();
-        NearestSites nearest(NearestSites::Of::kLostOnes, offsets.data(), 2'000'000'000);
-        std::shuffle(sites.begin(), sites.end(), random);
-        const size_t half = sites.size() / 2;
-        for (const auto& some : {absl::MakeConstSpan(sites).subspan(half),
-                                 absl::MakeConstSpan(sites).subspan(0, half)}) {
-          plainly ? nearest.AddPlainly(some, block) : nearest.Add(some, block);
-        }
-        int64_t longest = 0;
-        for (int n = 0; n < VertexBlock::kSize; ++n) {
-          const int x = block.x0 + n % 8;
-          const int y = block.y0 + n / 8;
-          const Site expected = NearestOf(sites, x, y);
-          ASSERT_EQ(nearest.OffsetOf(n), OffsetTo(expected, block, n));
-          ASSERT_EQ(nearest.Offsets()[n], nearest.OffsetOf(n));
-          longest = std::max(longest, SquaredDistance(expected, x, y));
-          num_ties += std::any_of(sites.begin(), sites.end(), [&](const Site& site) {
-            return site != expected &&
-                   SquaredDistance(site, x, y) == SquaredDistance(expected, x, y);
-          });
-        }
-        ASSERT_EQ(nearest.LongestSquared(), longest);
+      OffsetsOfBlock offsets;
+      offsets.FillWithLost();
+      NearestSites nearest(NearestSites::Of::kLostOnes, offsets.data(), 2'000'000'000);
+      std::shuffle(sites.begin(), sites.end(), random);
+      const size_t half = sites.size() / 2;
+      for (const auto& some : {absl::MakeConstSpan(sites).subspan(half),
+                               absl::MakeConstSpan(sites).subspan(0, half)}) {
+        nearest.Add(some, block);
       }
+      int64_t longest = 0;
+      for (int vertex = 0; vertex < VertexBlock::kSize; ++vertex) {
+        const int x = block.x0 + vertex % 8;
+        const int y = block.y0 + vertex / 8;
+        const Site expected = NearestOf(sites, x, y);
+        ASSERT_EQ(nearest.OffsetOf(vertex), OffsetTo(expected, block, vertex));
+        ASSERT_EQ(nearest.Offsets()[vertex], nearest.OffsetOf(vertex));
+        longest = std::max(longest, SquaredDistance(expected, x, y));
+        num_ties += std::any_of(sites.begin(), sites.end(), [&](const Site& site) {
+          return site != expected && SquaredDistance(site, x, y) == SquaredDistance(expected, x, y);
+        });
+      }
+      ASSERT_EQ(nearest.LongestSquared(), longest);
     }
   }
   EXPECT_GT(num_ties, 50);
@@ -111,7 +110,9 @@ TEST(NearestSitesTest, OnlyThoseThatCannotBeTheNearestAreHidden) {
     for (int k = 0; k < static_cast<int>(random() % 30); ++k) {
       sites.push_back(SiteAt(2 * coordinate(random) + 1, 2 * coordinate(random) + 1));
     }
-    const Site low = SiteAt(8 * static_cast<int>(random() % 5), 8 * static_cast<int>(random() % 5));
+    const int away = n % 2 == 0 ? 0 : 1990;  // as far as a field reaches
+    const Site low =
+        SiteAt(8 * (away + static_cast<int>(random() % 5)), 8 * static_cast<int>(random() % 5));
     const VertexBox box{low, SiteAt(low.x + 8 * static_cast<int>(random() % 8),
                                     low.y + 8 * static_cast<int>(random() % 8))};
     const Site other = SiteAt(coordinate(random) | 1, coordinate(random) | 1);

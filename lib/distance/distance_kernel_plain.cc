@@ -1,0 +1,2 @@
+#define SPLINEMAP_KERNEL plain
+#include "lib/distance/distance_kernel_impl.h"
