@@ -285,7 +285,7 @@ absl::StatusOr<AnyAnswer> MapClient::Impl::Ask(const Query& query) {
     answer = std::move(a);
     if (num_waiting_ > 1) changed_.notify_all();  // it may be another's
   };
-  Add(std::make_unique<PendingQuery<Query>>(query, done, /*is_waited_for=*/true), deadline_);
+  Add(std::make_unique<PendingQuery<Query, const Query&>>(query, done), deadline_);
   Lock lock(mutex_);
   ReceiveUntil(lock, [&] { return answer.has_value(); });
   return *std::move(answer);

@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -16,33 +17,29 @@
 
 namespace splinemap {
 
-// Requires Check(query).ok().
-template <typename Query>
+// Requires Check(query).ok(). Who waits for the answer keeps the query meanwhile: `Held` is a
+// reference to it then.
+template <typename Query, typename Held = Query>
 class PendingQuery : public PendingRequest {
  public:
   using Answer = typename Query::Answer;
   using Done = std::function<void(absl::StatusOr<Answer>)>;
 
-  PendingQuery(Query query, Done done, bool is_waited_for = false)
-      : query_(std::move(query)),
-        chunks_(Split(query_)),
-        done_(std::move(done)),
-        is_waited_for_(is_waited_for) {}
+  PendingQuery(Held query, Done done)
+      : query_(std::forward<Held>(query)), chunks_(Split(query_)), done_(std::move(done)) {}
 
   std::string Channel(const std::string& channel_prefix) const override {
     return channel_prefix + Rpc<Query>::kChannel;
   }
   size_t num_chunks() const override { return chunks_.size(); }
   bool is_command() const override { return false; }
-  bool is_waited_for() const override { return is_waited_for_; }
+  bool is_waited_for() const override { return std::is_reference_v<Held>; }
   std::string Describe() const override {
     return fmt::format("query of {} {}", chunks_.back().end, Rpc<Query>::kName);
   }
 
   std::vector<uint8_t> Encode(size_t chunk, const request_t& header) const override {
-    auto request = ToMessage(query_, chunks_[chunk]);
-    request.header = header;
-    return splinemap::Encode(request);
+    return EncodeRequest(query_, chunks_[chunk], header);
   }
 
   absl::StatusOr<reply_t> HandleReply(size_t chunk, absl::Span<const uint8_t> message) override {
@@ -54,10 +51,9 @@ class PendingQuery : public PendingRequest {
   }
 
  private:
-  const Query query_;
+  const Held query_;
   const std::vector<Chunk> chunks_;
   const Done done_;
-  const bool is_waited_for_;
   Answer answer_;
 };
 

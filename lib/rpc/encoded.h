@@ -17,6 +17,14 @@
 
 namespace splinemap {
 
+// A client asks for a chunk.
+template <typename Query>
+std::vector<uint8_t> EncodeRequest(const Query& query, Chunk chunk, const request_t& header) {
+  auto request = ToMessage(query, chunk);
+  request.header = header;
+  return Encode(request);
+}
+
 // What a request asks for, or why it is refused, as FromMessage() says; nothing where it is
 // damaged.
 template <typename Query>

@@ -107,17 +107,6 @@ absl::Status CheckSize(size_t num_items, size_t max_items, const char* name) {
       name, max_items, kMaxRpcBytes);
 }
 
-template <typename Request>
-void SetPoints(const std::vector<Eigen::Vector2d>& points_m, Chunk chunk, Request& request) {
-  request.num_points = static_cast<int32_t>(chunk.size());
-  request.x_m.resize(chunk.size());
-  request.y_m.resize(chunk.size());
-  for (size_t k = 0; k < chunk.size(); ++k) {
-    request.x_m[k] = points_m[chunk.begin + k].x();
-    request.y_m[k] = points_m[chunk.begin + k].y();
-  }
-}
-
 std::vector<Eigen::Vector2d> Points(const std::vector<double>& x_m,
                                     const std::vector<double>& y_m) {
   std::vector<Eigen::Vector2d> points_m(x_m.size());
@@ -179,13 +168,6 @@ std::vector<Chunk> Split(const LikelihoodsQuery& query) {
 
 std::vector<Chunk> Split(const DistancesQuery& query) {
   return CutEvenly(query.points_m.size(), MaxDistances(query.max_distance_m));
-}
-
-points_request_t ToMessage(const PointsQuery& query, Chunk chunk) {
-  points_request_t request{};
-  request.with_hessians = query.with_hessians ? 1 : 0;
-  SetPoints(query.points_m, chunk, request);
-  return request;
 }
 
 rays_request_t ToMessage(const RaysQuery& query, Chunk chunk) {
@@ -254,7 +236,11 @@ distances_request_t ToMessage(const DistancesQuery& query, Chunk chunk) {
   distances_request_t request{};
   request.max_distance_m = query.max_distance_m;
   request.occupied_log_odds = query.occupied_log_odds;
-  SetPoints(query.points_m, chunk, request);
+  request.num_points = static_cast<int32_t>(chunk.size());
+  for (size_t k = chunk.begin; k < chunk.end; ++k) {
+    request.x_m.push_back(query.points_m[k].x());
+    request.y_m.push_back(query.points_m[k].y());
+  }
   return request;
 }
 

@@ -19,6 +19,7 @@
 #include "lcmtypes/splinemap/rays_reply_t.hpp"
 #include "lcmtypes/splinemap/rays_request_t.hpp"
 #include "lcmtypes/splinemap/reply_t.hpp"
+#include "lcmtypes/splinemap/request_t.hpp"
 #include "lcmtypes/splinemap/sweeps_reply_t.hpp"
 #include "lcmtypes/splinemap/sweeps_request_t.hpp"
 #include "splinemap/queries.h"
@@ -106,7 +107,6 @@ std::vector<Chunk> Split(const LikelihoodsQuery& query);
 std::vector<Chunk> Split(const DistancesQuery& query);
 
 // A client asks for a chunk.
-points_request_t ToMessage(const PointsQuery& query, Chunk chunk);
 rays_request_t ToMessage(const RaysQuery& query, Chunk chunk);
 sweeps_request_t ToMessage(const SweepsQuery& query, Chunk chunk);
 raster_request_t ToMessage(const RasterQuery& query, Chunk chunk);

@@ -13,6 +13,7 @@ namespace {
 static_assert(std::endian::native == std::endian::little);
 
 constexpr size_t kCountBytes = 4;
+constexpr size_t kPointBytes = 2 * sizeof(double);
 constexpr size_t kSampleBytes = 3 * sizeof(double) + 1;
 constexpr size_t kHessianBytes = 3 * sizeof(double);
 
@@ -57,6 +58,25 @@ struct Arrays {
 
 }  // namespace
 
+std::vector<uint8_t> EncodeRequest(const PointsQuery& query, Chunk chunk, const request_t& header) {
+  points_request_t empty{};
+  empty.header = header;
+  empty.with_hessians = query.with_hessians ? 1 : 0;
+  const auto empty_bytes = static_cast<size_t>(empty.getEncodedSize());
+  std::vector<uint8_t> bytes(empty_bytes + chunk.size() * kPointBytes);
+  empty.encode(bytes.data(), 0, static_cast<int>(empty_bytes));
+
+  uint8_t* const x_m = bytes.data() + empty_bytes;
+  uint8_t* const y_m = x_m + chunk.size() * sizeof(double);
+  PutCount(chunk.size(), x_m - kCountBytes);
+  const Eigen::Vector2d* const point_m = query.points_m.data() + chunk.begin;
+  for (size_t k = 0; k < chunk.size(); ++k) {
+    Put(point_m[k].x(), x_m, k);
+    Put(point_m[k].y(), y_m, k);
+  }
+  return bytes;
+}
+
 std::optional<absl::StatusOr<PointsQuery>> DecodePointsRequest(absl::Span<const uint8_t> message) {
   if (!CheckTypeAndSize(MessageType::kPointsRequest, message).ok()) return std::nullopt;
   const uint8_t* at = message.data() + kFingerprintBytes + request_t()._getEncodedSizeNoHash();
@@ -66,10 +86,9 @@ std::optional<absl::StatusOr<PointsQuery>> DecodePointsRequest(absl::Span<const 
   if (absl::Status status = CheckNumPoints(count, query.with_hessians); !status.ok()) return status;
   const uint8_t* const x_m = at + kCountBytes;
   const uint8_t* const y_m = x_m + count * sizeof(double);
-  query.points_m.reserve(count);
-  for (size_t k = 0; k < count; ++k) {
-    query.points_m.emplace_back(DoubleAt(x_m, k), DoubleAt(y_m, k));
-  }
+  query.points_m.resize(count);
+  Eigen::Vector2d* const point_m = query.points_m.data();
+  for (size_t k = 0; k < count; ++k) point_m[k] = {DoubleAt(x_m, k), DoubleAt(y_m, k)};
   return query;
 }
 

@@ -14,6 +14,8 @@
 
 namespace splinemap {
 
+std::vector<uint8_t> EncodeRequest(const PointsQuery& query, Chunk chunk, const request_t& header);
+
 std::optional<absl::StatusOr<PointsQuery>> DecodePointsRequest(absl::Span<const uint8_t> message);
 
 std::vector<uint8_t> EncodeReply(const PointsQuery::Answer& answer, const reply_t& header);

@@ -257,10 +257,10 @@ class CorpusMaker {
 
   template <typename Query>
   void WriteRequest(const std::string& name, const Query& query, size_t size) {
-    auto request = ToMessage(query, {0, size});
-    request.header.client = 1;
-    request.header.id = 2;
-    WriteMessage(name, 1, request);
+    request_t header{};
+    header.client = 1;
+    header.id = 2;
+    WriteEncoded(name, 1, EncodeRequest(query, {0, size}, header));
   }
   template <typename Answer>
   void WriteReply(const std::string& name, const Answer& answer, uint8_t asked) {

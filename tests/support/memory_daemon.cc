@@ -60,7 +60,7 @@ absl::StatusOr<std::unique_ptr<MemoryDaemon>> MemoryDaemon::Start(
   }
   SPLINEMAP_ASSIGN_OR_RETURN(daemon->daemon_, Daemon::Start(config, std::move(bus)));
   SPLINEMAP_ASSIGN_OR_RETURN(const reply_t found,
-                             daemon->Ask(Rpc<PointsQuery>::kChannel, ToMessage(PointsQuery{}, {})));
+                             daemon->Ask(Rpc<PointsQuery>::kChannel, points_request_t{}));
   daemon->nonce_ = found.daemon_nonce;
   daemon->session_number_ = found.session_number;
   return daemon;

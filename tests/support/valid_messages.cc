@@ -20,7 +20,7 @@
 #include "lib/replication/byte_budget.h"
 #include "lib/replication/pyramid_publisher.h"
 #include "lib/replication/replication_message.h"
-#include "lib/rpc/messages.h"
+#include "lib/rpc/encoded.h"
 #include "lib/tiles/tile_codec.h"
 #include "lib/wire/encode.h"
 #include "tests/support/queries.h"
@@ -156,9 +156,8 @@ std::vector<ValidMessage> Queries(int64_t daemon_nonce) {
   std::mt19937_64 random(3);
   std::vector<ValidMessage> queries;
   const auto add = [&]<typename Query>(const Query& query) {
-    auto request = ToMessage(query, Split(query)[0]);
-    request.header = Header(daemon_nonce);
-    queries.push_back(Make(Rpc<Query>::kChannel, request));
+    queries.push_back({Rpc<Query>::Request::getTypeName(), Rpc<Query>::kChannel,
+                       EncodeRequest(query, Split(query)[0], Header(daemon_nonce))});
   };
   add(RandomPoints(random, 2));
   add(RandomRays(random, 2));

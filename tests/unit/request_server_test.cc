@@ -9,7 +9,7 @@
 #include "lcmtypes/splinemap/command_reply_t.hpp"
 #include "lcmtypes/splinemap/command_request_t.hpp"
 #include "lcmtypes/splinemap/reply_t.hpp"
-#include "lib/rpc/messages.h"
+#include "lib/rpc/encoded.h"
 #include "lib/wire/decode.h"
 #include "lib/wire/encode.h"
 #include "tests/support/queries.h"
@@ -60,7 +60,8 @@ class RequestServerTest : public testing::Test {
   static points_request_t Request(int64_t client, int64_t id, int64_t query = 0,
                                   int64_t nonce = 5) {
     std::mt19937_64 random(1);
-    points_request_t request = ToMessage(RandomPoints(random, 100), {0, 100});
+    auto request =
+        *Decode<points_request_t>(EncodeRequest(RandomPoints(random, 100), {0, 100}, request_t()));
     request.header.client = client;
     request.header.id = id;
     request.header.query = query;

@@ -87,10 +87,15 @@ class RpcTest : public testing::Test {
     const std::vector<Chunk> pieces = Split(query);
     num_pieces_ = pieces.size();
     for (const Chunk& piece : pieces) {
-      auto message = ToMessage(query, piece);
-      message.header.client = -1;
-      const std::vector<uint8_t> request = Encode(message);
+      request_t header{};
+      header.client = -1;
+      const std::vector<uint8_t> request = EncodeRequest(query, piece, header);
       EXPECT_LE(request.size(), kMaxRpcBytes);
+      const auto decoded = Decode<typename Rpc<Query>::Request>(request);
+      EXPECT_TRUE(decoded.ok()) << decoded.status();
+      if (!decoded.ok()) return {};
+      EXPECT_EQ(decoded->header.client, -1);
+      EXPECT_EQ(Encode(*decoded), request);
       const std::vector<uint8_t> bytes = AnswerRequest(request, map_, Header());
       EXPECT_LE(bytes.size(), kMaxRpcBytes);
       const auto reply = Decode<typename Rpc<Query>::Reply>(bytes);
@@ -116,7 +121,10 @@ class RpcTest : public testing::Test {
   // What the map says to a request.
   template <typename Request>
   absl::Status StatusFor(const Request& request) {
-    const std::vector<uint8_t> bytes = AnswerRequest(Encode(request), map_, Header());
+    return StatusForBytes(Encode(request));
+  }
+  absl::Status StatusForBytes(const std::vector<uint8_t>& request) {
+    const std::vector<uint8_t> bytes = AnswerRequest(request, map_, Header());
     if (bytes.empty()) return absl::DataLossError("no reply");
     reply_t header;
     // After the fingerprint, which the header does not have.
@@ -170,7 +178,8 @@ TEST_F(RpcTest, RowsOfARasterMayBeLongerThanAPiece) {
 
 TEST_F(RpcTest, MoreThanAPieceInARequestIsRefusedWithNumbers) {
   const auto expect_refused = [&](const auto& query, const std::string& number) {
-    const auto status = StatusFor(ToMessage(query, {0, Split(query).front().end + 1}));
+    const auto status =
+        StatusForBytes(EncodeRequest(query, {0, Split(query).front().end + 1}, request_t()));
     EXPECT_TRUE(absl::IsInvalidArgument(status)) << status;
     EXPECT_NE(std::string(status.message()).find(number), std::string::npos) << status;
   };

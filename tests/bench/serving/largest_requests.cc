@@ -56,7 +56,7 @@ Figures::Competitor Measure(const std::string& name, const LocalMap& map, const 
   double most_ms = 0;
   int measured = 0;
   for (const Chunk& piece : pieces) {
-    const auto asked = *DecodeRequest<Query>(Encode(ToMessage(query, piece)));
+    const auto asked = *DecodeRequest<Query>(EncodeRequest(query, piece, request_t()));
     if (!asked.ok()) continue;  // one sweep that is too large
     const double ms = Milliseconds(map, *asked);
     sum_ms += ms;

@@ -223,7 +223,7 @@ std::vector<RawMessage> MessagesLike(const PointsQuery& query) {
     const auto begin = query.points_m.begin();
     const PointsQuery part{{begin + piece.begin, begin + piece.end}};
     const size_t bytes =
-        ToMessage(query, piece).getEncodedSize() + EncodeReply(*map.Ask(part), {}).size();
+        EncodeRequest(query, piece, {}).size() + EncodeReply(*map.Ask(part), {}).size();
     messages.push_back({std::vector<uint8_t>(bytes / 2)});
   }
   return messages;
