@@ -45,13 +45,13 @@ static_assert(kBlockRows / 2 == 64);
 #elif defined(__SSE2__)
   // Without shifts by other numbers for each, bits are 2^cell as floats converted; 2^31 overflows
   // to just that bit.
-  const Int32x4 numbers = {0, 1, 2, 3};
-  Int32x4 columns = static_cast<int32_t>(x) + numbers * static_cast<int32_t>(columns_per_pair);
-  for (uint32_t n = 0; n < pairs; n += 4, columns += 4 * static_cast<int32_t>(columns_per_pair)) {
-    constexpr int32_t kOne = 127 << 23;
-    const auto cells =
-        reinterpret_cast<Int32x4>(_mm_srli_epi32(reinterpret_cast<__m128i>(columns), kCellShift));
-    const __m128i bits = _mm_cvttps_epi32(reinterpret_cast<__m128>((cells << 23) + kOne));
+  using Words [[gnu::vector_size(16)]] = uint32_t;
+  const Words numbers = {0, 1, 2, 3};
+  Words columns = x + numbers * columns_per_pair;
+  for (uint32_t n = 0; n < pairs; n += 4, columns += 4 * columns_per_pair) {
+    constexpr uint32_t kOne = 127 << 23;
+    const Words powers = ((columns >> kCellShift) << 23) + kOne;
+    const __m128i bits = _mm_cvttps_epi32(reinterpret_cast<__m128>(powers));
     const __m128i is_added = _mm_cmpeq_epi32(
         _mm_and_si128(bits, _mm_loadu_si128(reinterpret_cast<const __m128i*>(of_pairs + n))),
         _mm_setzero_si128());
