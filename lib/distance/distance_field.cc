@@ -442,7 +442,7 @@ void DistanceFieldEditor::FillBlock(const VertexBlock& block, const TileNeighbor
       Offset& offset = offsets[Tile::kSide * y + x];
       if (offset != kLost) continue;
       const int at = ObstacleSquares::kPerKnot * x;
-      const uint32_t corners = (low_squares >> at & 3) | (high_squares >> at & 3) << 2;
+      const uint64_t corners = (low_squares >> at & 3) | (high_squares >> at & 3) << 2;
       if (corners == 0) {
         lost |= uint64_t{1} << (VertexBlock::kSide * y + x);
         continue;
