@@ -86,7 +86,9 @@ while at < len(data):
     at += 28 + name_size + size
     if name == "CONTROLLER_PATH":
         assert message[:8].hex() == "efadf583af374079", "not the type that others know"
-        paths.append((utime, path2D_t.decode(message)))
+        path = path2D_t.decode(message)
+        if path.path_length > 1:  # a slow computer may find no way at first
+            paths.append((utime, path))
     if name == "NO_PATH":
         no_path = path2D_t.decode(message)
     if name == "LASER" and door_seen is None and struct.unpack_from(">q", message, 8)[0] >= DOOR_UTIME:
