@@ -76,7 +76,10 @@ void Read(const SiteOffset* offsets, bool only_lost, NearestOfBlock& nearest) {
     const Integers8 way_y = both >> 16;
     const Integers8 is_lost = IsEqual(both, Integers8{});
     const Integers8 is_none = is_lost | IsEqual(way_x, Integers8{} + SiteOffset::kNone);
-    Integers8 squared = Select(is_none, none, way_x * way_x + way_y * way_y);
+    // Where there is none, its square would be too large.
+    const Integers8 of_x = Select(is_none, Integers8{}, way_x);
+    const Integers8 of_y = Select(is_none, Integers8{}, way_y);
+    Integers8 squared = Select(is_none, none, of_x * of_x + of_y * of_y);
     if (only_lost) squared |= ~is_lost;
     Store(Select(is_lost, Integers8{} + kNoWay, both ^ kBias), &nearest.ways[kSide * y]);
     Store(squared, &nearest.squared[kSide * y]);
