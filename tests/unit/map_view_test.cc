@@ -259,13 +259,17 @@ std::vector<Eigen::Vector2d> AllKindsOfPoints(std::mt19937_64& random) {
   return points_m;
 }
 
-TEST(MapViewTest, ManyPointsAtOnceGiveTheSameBytes) {
-  std::mt19937_64 random(5);
+std::shared_ptr<const MapView> RandomView(std::mt19937_64& random) {
   MapWriter map({0.05, kLimits});
   Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
   layer.BeginCommit();
   for (int n = 0; n < 30; ++n) layer.EditTile(RandomKey(random, 3)) = RandomTile(random);
-  const auto view = map.View();
+  return map.View();
+}
+
+TEST(MapViewTest, ManyPointsAtOnceGiveTheSameBytes) {
+  std::mt19937_64 random(5);
+  const auto view = RandomView(random);
   const std::vector<Eigen::Vector2d> points_m = AllKindsOfPoints(random);
   std::vector<SurfaceSample> samples(points_m.size());
   view->EvaluateMany(points_m, absl::MakeSpan(samples));
@@ -285,11 +289,7 @@ TEST(MapViewTest, ManyPointsAtOnceGiveTheSameBytes) {
 
 TEST(MapViewTest, BatchesOfEverySizeGiveTheSameBytes) {
   std::mt19937_64 random(6);
-  MapWriter map({0.05, kLimits});
-  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
-  layer.BeginCommit();
-  for (int n = 0; n < 30; ++n) layer.EditTile(RandomKey(random, 3)) = RandomTile(random);
-  const auto view = map.View();
+  const auto view = RandomView(random);
   const std::vector<Eigen::Vector2d> points_m = AllKindsOfPoints(random);
   size_t begin = 0;
   for (size_t count = 0; begin + count <= points_m.size(); count = (count + 1) % 71) {
