@@ -1,5 +1,7 @@
 #include "lib/distance/distance_kernel.h"
 
+#include "lib/base/kernels.h"
+
 namespace splinemap {
 
 namespace plain {
@@ -15,16 +17,13 @@ extern const DistanceKernel kDistanceKernel;
 #endif
 
 const std::vector<DistanceKernel>& DistanceKernels() {
-  static const std::vector<DistanceKernel> kernels = [] {
-    std::vector<DistanceKernel> runnable{plain::kDistanceKernel};
+  static const std::vector<DistanceKernel> kernels = Runnable<DistanceKernel>({
+      &plain::kDistanceKernel,
 #ifdef __x86_64__
-    if (__builtin_cpu_supports("avx2")) runnable.push_back(avx2::kDistanceKernel);
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl")) {
-      runnable.push_back(avx512::kDistanceKernel);
-    }
+      &avx2::kDistanceKernel,
+      &avx512::kDistanceKernel,
 #endif
-    return runnable;
-  }();
+  });
   return kernels;
 }
 

@@ -6,11 +6,9 @@
 
 #include <bit>
 
+#include "lib/base/kernels.h"
 #include "lib/base/lanes.h"
 #include "lib/distance/distance_kernel.h"
-
-#define SPLINEMAP_STRING(x) #x
-#define SPLINEMAP_NAME(x) SPLINEMAP_STRING(x)
 
 namespace splinemap::SPLINEMAP_KERNEL {
 namespace {
@@ -291,14 +289,8 @@ SquaresWithCorner FindCorners(const ControlPoint* patch, double high, double hig
 }  // namespace
 
 extern const DistanceKernel kDistanceKernel;
-const DistanceKernel kDistanceKernel{SPLINEMAP_NAME(SPLINEMAP_KERNEL),
-                                     &Read,
-                                     &Add,
-                                     &LongestSquared,
-                                     &Write,
-                                     &TakeAway,
-                                     &KeepNotHidden,
-                                     &FindRanges,
-                                     &FindCorners};
+const DistanceKernel kDistanceKernel{SPLINEMAP_KERNEL_NAME, &Read,       &Add,
+                                     &LongestSquared,       &Write,      &TakeAway,
+                                     &KeepNotHidden,        &FindRanges, &FindCorners};
 
 }  // namespace splinemap::SPLINEMAP_KERNEL

@@ -1,5 +1,7 @@
 #include "lib/map/point_kernel.h"
 
+#include "lib/base/kernels.h"
+
 namespace splinemap {
 
 namespace plain {
@@ -15,17 +17,13 @@ extern const PointKernel kPointKernel;
 #endif
 
 const std::vector<PointKernel>& PointKernels() {
-  static const std::vector<PointKernel> kernels = [] {
-    std::vector<PointKernel> runnable{plain::kPointKernel};
+  static const std::vector<PointKernel> kernels = Runnable<PointKernel>({
+      &plain::kPointKernel,
 #ifdef __x86_64__
-    if (__builtin_cpu_supports("avx2")) runnable.push_back(avx2::kPointKernel);
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
-        __builtin_cpu_supports("avx512dq")) {
-      runnable.push_back(avx512::kPointKernel);
-    }
+      &avx2::kPointKernel,
+      &avx512::kPointKernel,
 #endif
-    return runnable;
-  }();
+  });
   return kernels;
 }
 

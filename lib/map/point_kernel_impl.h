@@ -7,11 +7,9 @@
 #include <bit>
 #include <cstddef>
 
+#include "lib/base/kernels.h"
 #include "lib/map/point_kernel.h"
 #include "lib/spline/patch_kernel.h"
-
-#define SPLINEMAP_STRING(x) #x
-#define SPLINEMAP_NAME(x) SPLINEMAP_STRING(x)
 
 namespace splinemap::SPLINEMAP_KERNEL {
 namespace {
@@ -97,7 +95,6 @@ void EvaluateFours(const PointBlock& block, int count, double knots_per_m, Surfa
 }  // namespace
 
 extern const PointKernel kPointKernel;
-const PointKernel kPointKernel{SPLINEMAP_NAME(SPLINEMAP_KERNEL), &EvaluatePoint, &LocateFours,
-                               &EvaluateFours};
+const PointKernel kPointKernel{SPLINEMAP_KERNEL_NAME, &EvaluatePoint, &LocateFours, &EvaluateFours};
 
 }  // namespace splinemap::SPLINEMAP_KERNEL

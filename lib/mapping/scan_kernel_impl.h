@@ -4,18 +4,16 @@
 // What is called in here is local to the file, always inlined, or not inline at all: an inline
 // function that the linker took from here into the rest of the program might not run there.
 
+#include "lib/base/kernels.h"
 #include "lib/mapping/kernel_commit.h"
 #include "lib/mapping/kernel_faces.h"
 #include "lib/mapping/kernel_lines.h"
 #include "lib/mapping/kernel_sums.h"
 
-#define SPLINEMAP_STRING(x) #x
-#define SPLINEMAP_NAME(x) SPLINEMAP_STRING(x)
-
 namespace splinemap::SPLINEMAP_KERNEL {
 
 extern const ScanKernel kScanKernel;
-const ScanKernel kScanKernel{SPLINEMAP_NAME(SPLINEMAP_KERNEL),
+const ScanKernel kScanKernel{SPLINEMAP_KERNEL_NAME,
                              &SetLines,
                              &SetHits,
                              &SetFaces,

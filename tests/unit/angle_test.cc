@@ -6,6 +6,8 @@
 #include <random>
 #include <vector>
 
+#include "lib/geometry/angle_kernel.h"
+
 namespace splinemap::angle_test {
 
 TEST(AngleTest, UnitVectorsAreThoseOfTheCLibrary) {
@@ -37,6 +39,23 @@ TEST(AngleTest, ManyAnglesGiveTheBytesOfEach) {
       for (size_t n = 0; n < count; ++n) {
         ASSERT_EQ(units[n], UnitVector(angles_rad[n])) << angles_rad[n];
       }
+    }
+  }
+}
+
+TEST(AngleTest, KernelsGiveTheBytesOfEach) {
+  std::mt19937_64 random(4);
+  std::uniform_real_distribution<double> uniform(-kMaxReduced_rad, kMaxReduced_rad);
+  std::vector<double> angles_rad(4000);
+  for (double& angle_rad : angles_rad) {
+    angle_rad = random() % 8 == 0 ? M_PI / 4 * static_cast<double>(random() % 32) - 4 * M_PI
+                                  : uniform(random);
+  }
+  for (const AngleKernel& kernel : AngleKernels()) {
+    std::vector<Eigen::Vector2d> units(angles_rad.size());
+    kernel.set_units(angles_rad.data(), angles_rad.size(), units.front().data());
+    for (size_t n = 0; n < angles_rad.size(); ++n) {
+      ASSERT_EQ(units[n], UnitVector(angles_rad[n])) << kernel.name << " " << angles_rad[n];
     }
   }
 }
