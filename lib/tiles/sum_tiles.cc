@@ -28,25 +28,36 @@ struct RowSums {
   typename Vector::Points touched[kVectors];
 };
 
-// Inlined, so that each caller has it in its own instructions.
+// Tiles whose rows are added together; null ones are zeros.
+struct TileGroup {
+  const Tile* const* tiles;
+  size_t count;
+};
+
+inline const ControlPoint* Row(const Tile& tile, int row) {
+  return tile.control_points.data() + row * Tile::kSide;
+}
+
+// These are inlined, so that each caller has them in its own instructions.
+__attribute__((always_inline)) inline void Fetch(TileGroup group, int row) {
+  for (size_t n = 0; n < group.count; ++n) {
+    if (group.tiles[n] != nullptr) __builtin_prefetch(Row(*group.tiles[n], row));
+  }
+}
+
 template <typename Vector>
-__attribute__((always_inline)) inline void AddRows(const Tile* const* tiles, size_t count, int row,
-                                                   RowSums<Vector>& to) {
-  constexpr int kRowsAhead = 4;
-  RowSums<Vector> row_sums = to;
-  for (size_t n = 0; n < count; ++n) {
-    if (tiles[n] == nullptr) continue;
-    const ControlPoint* first = tiles[n]->control_points.data() + row * Tile::kSide;
-    __builtin_prefetch(first + kRowsAhead * Tile::kSide);
+__attribute__((always_inline)) inline void AddRows(TileGroup group, int row,
+                                                   RowSums<Vector>& row_sums) {
+  for (size_t n = 0; n < group.count; ++n) {
+    if (group.tiles[n] == nullptr) continue;
     typename Vector::Points points[RowSums<Vector>::kVectors];
-    std::memcpy(points, first, sizeof(points));
+    std::memcpy(points, Row(*group.tiles[n], row), sizeof(points));
 #pragma GCC unroll 4
     for (int k = 0; k < RowSums<Vector>::kVectors; ++k) {
       row_sums.sums[k] += __builtin_convertvector(points[k], typename Vector::Sums);
       row_sums.touched[k] |= points[k];
     }
   }
-  to = row_sums;
 }
 
 template <typename Vector>
@@ -71,23 +82,30 @@ __attribute__((always_inline)) inline void Merge(const std::vector<const Tile*>&
                                                  ControlLimits limits, Tile& merged) {
   // No processor foresees the rows of more tiles. What they add up to stays in the fastest cache.
   constexpr size_t kAtOnce = 8;
-  if (tiles.size() <= kAtOnce) {
-    for (int row = 0; row < Tile::kSide; ++row) {
-      RowSums<Vector> row_sums{};
-      AddRows(tiles.data(), tiles.size(), row, row_sums);
-      StoreRow(row_sums, limits, &merged.control_points[row * Tile::kSide]);
-    }
-    return;
-  }
-  RowSums<Vector> rows[Tile::kSide] = {};
-  for (size_t begin = 0; begin < tiles.size(); begin += kAtOnce) {
+  constexpr int kRowsAhead = 8;
+  const auto group_at = [&](size_t begin) {
+    begin = begin < tiles.size() ? begin : tiles.size();
     const size_t left = tiles.size() - begin;
+    return TileGroup{tiles.data() + begin, left < kAtOnce ? left : kAtOnce};
+  };
+  RowSums<Vector> rows[Tile::kSide];
+  TileGroup next = group_at(0);
+  for (int row = 0; row < kRowsAhead; ++row) Fetch(next, row);
+  for (size_t begin = 0; begin == 0 || begin < tiles.size(); begin += kAtOnce) {
+    const TileGroup group = next;
+    next = group_at(begin + kAtOnce);
     for (int row = 0; row < Tile::kSide; ++row) {
-      AddRows(tiles.data() + begin, left < kAtOnce ? left : kAtOnce, row, rows[row]);
+      // The first rows of the next tiles come after the last ones of these.
+      const int ahead = row + kRowsAhead;
+      Fetch(ahead < Tile::kSide ? group : next, ahead % Tile::kSide);
+      RowSums<Vector> row_sums = begin == 0 ? RowSums<Vector>{} : rows[row];
+      AddRows(group, row, row_sums);
+      if (next.count == 0) {
+        StoreRow(row_sums, limits, &merged.control_points[row * Tile::kSide]);
+      } else {
+        rows[row] = row_sums;
+      }
     }
-  }
-  for (int row = 0; row < Tile::kSide; ++row) {
-    StoreRow(rows[row], limits, &merged.control_points[row * Tile::kSide]);
   }
 }
 

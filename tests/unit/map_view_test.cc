@@ -95,7 +95,7 @@ Tile SimplySummed(const std::vector<const Tile*>& tiles, ControlLimits limits) {
 TEST(SumTilesTest, EveryMergerGivesTheSameBytes) {
   std::mt19937_64 random(4);
   for (const ControlLimits limits : {kLimits, ControlLimits{-3000, 700}}) {
-    for (int count = 0; count <= 9; ++count) {
+    for (int count = 0; count <= 18; ++count) {
       std::vector<Tile> tiles;
       std::vector<const Tile*> pointers;
       for (int k = 0; k < count; ++k) tiles.push_back(RandomTile(random));
