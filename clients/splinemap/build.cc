@@ -49,7 +49,9 @@ struct MappedLog {
   MappedLog(const config::Config& config, LayerId id, SessionId session)
       : options(MapOptionsOf(config.method())),
         layer(std::move(id), session),
-        mapper(config, options, layer, EmptyArchive(config)) {}
+        mapper(config, options, layer, EmptyArchive(config)) {
+    mapper.MapBeside();
+  }
 
   MapOptions options;
   Layer layer;

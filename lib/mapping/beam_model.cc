@@ -20,6 +20,7 @@ BeamModel::BeamModel(const BeamModelOptions& options, double knot_interval_m,
       weights_(MakeTable(1 << PointSample::kWeightBits)),
       hit_weights_(MakeTable(options.kappa_hit * ScanScratch::kUnitsPerLogOdds)),
       free_weights_(MakeTable(options.kappa_free * ScanScratch::kUnitsPerLogOdds)),
+      kernel_(kernel),
       faces_(knots_per_m_, kernel) {
   if (update_ != BeamUpdate::kPaperLine) return;
   paper_lines_.emplace(
@@ -40,14 +41,14 @@ BeamModel::WeightTable BeamModel::MakeTable(double scale) {
 
 void BeamModel::Accumulate(absl::Span<const PlacedBeam> beams, ScanScratch& scratch) {
   if (update_ == BeamUpdate::kSignedDistance) {
-    AddSignedDistances(beams, scratch);
+    AddLines(beams, scratch.lines());
   } else {
     AddPaperUpdates(beams, scratch);
   }
 }
 
-void BeamModel::AddSignedDistances(absl::Span<const PlacedBeam> beams, ScanScratch& scratch) {
-  scratch.AddFaceLines(beams, faces_.Find(beams), knots_per_m_);
+void BeamModel::AddLines(absl::Span<const PlacedBeam> beams, ScanLines& lines) {
+  lines.Add(beams, faces_.Find(beams), knots_per_m_, kernel_);
 }
 
 void BeamModel::AddPaperUpdates(absl::Span<const PlacedBeam> beams, ScanScratch& scratch) {

@@ -26,6 +26,8 @@ class BeamModel {
   // The paper's: per hit kappa_hit at range r (8), and kappa_free over the free space before it
   // (9), each by the update (35).
   void Accumulate(absl::Span<const PlacedBeam> beams, ScanScratch& scratch);
+  // The same into lines that a scratch takes later. Requires signed distances.
+  void AddLines(absl::Span<const PlacedBeam> beams, ScanLines& lines);
 
  private:
   // A position within a knot interval is rounded to 1/256 of it, 0.2 mm for knots 0.05 m apart.
@@ -35,7 +37,6 @@ class BeamModel {
   static WeightTable MakeTable(double scale);
   PointSample SampleAt(const Eigen::Vector2d& point_knots, const WeightTable& kappa_weights) const;
   void AddFreeSamples(const PlacedBeam& beam);
-  void AddSignedDistances(absl::Span<const PlacedBeam> beams, ScanScratch& scratch);
   void AddPaperUpdates(absl::Span<const PlacedBeam> beams, ScanScratch& scratch);
 
   BeamUpdate update_;
@@ -46,6 +47,7 @@ class BeamModel {
   WeightTable free_weights_;  // and times kappa_free
   std::optional<FreeLineTable<int32_t>> paper_lines_;  // of kPaperLine alone
 
+  const ScanKernel& kernel_;
   FaceFinder faces_;
 
   std::vector<PointSample> samples_;  // of the beams at hand; kept for its memory

@@ -1,6 +1,7 @@
 #include "lib/mapping/scan_folder.h"
 
 #include <algorithm>
+#include <utility>
 
 #include "lib/base/status.h"
 #include "splinemap/fixed_pose2.h"
@@ -58,12 +59,31 @@ void ScanFolder::Fold(const PlacedScan& scan, const BeamModelOptions& model, uin
   scratch_.CommitTo(tiles, revision, options_.limits, {}, is_taken);
 }
 
+void ScanFolder::Prepare(const PlacedScan& scan, const BeamModelOptions& model, ScanLines& lines) {
+  lines.Clear();
+  if (model.update == BeamUpdate::kSignedDistance) ModelOf(model).AddLines(scan.beams, lines);
+}
+
+void ScanFolder::FoldPrepared(const PlacedScan& scan, const BeamModelOptions& model,
+                              ScanLines& lines, Layer& layer) {
+  if (model.update == BeamUpdate::kSignedDistance) {
+    std::swap(lines, scratch_.lines());
+  } else {
+    Accumulate(scan, model);
+  }
+  scratch_.CommitTo(layer, options_.limits);
+}
+
 void ScanFolder::Accumulate(const PlacedScan& scan, const BeamModelOptions& model) {
+  ModelOf(model).Accumulate(scan.beams, scratch_);
+}
+
+BeamModel& ScanFolder::ModelOf(const BeamModelOptions& model) {
   if (!model_ || model_options_ != model) {
     model_options_ = model;
     model_.emplace(model, options_.knot_interval_m, kernel_);
   }
-  model_->Accumulate(scan.beams, scratch_);
+  return *model_;
 }
 
 }  // namespace splinemap

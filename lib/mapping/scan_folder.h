@@ -27,6 +27,12 @@ class ScanFolder {
   void Fold(const PlacedScan& scan, const BeamModelOptions& model, uint64_t revision,
             TileTreeEditor& tiles, absl::FunctionRef<bool(TileKey)> is_taken);
 
+  // Fold() in two steps: what needs no layer, and, in another folder and thread if need be, what
+  // does, which takes the lines.
+  void Prepare(const PlacedScan& scan, const BeamModelOptions& model, ScanLines& lines);
+  void FoldPrepared(const PlacedScan& scan, const BeamModelOptions& model, ScanLines& lines,
+                    Layer& layer);
+
   const MapOptions& options() const { return options_; }
 
   static constexpr double kMaxReachKnots = 4096;
@@ -35,6 +41,7 @@ class ScanFolder {
 
  private:
   void Accumulate(const PlacedScan& scan, const BeamModelOptions& model);
+  BeamModel& ModelOf(const BeamModelOptions& model);
 
   MapOptions options_;
   const ScanKernel& kernel_;

@@ -143,41 +143,46 @@ void ForEachTouchedApron(SumPlane<Sum>& plane, Visitor visit) {
 
 }  // namespace
 
+template <typename Line>
+void LinesByAxis<Line>::MakeSpace(size_t count) {
+  const size_t needed = std::max(num_steep, num_shallow) + count + 1;
+  if (steep.size() >= needed) return;
+  steep.resize(needed);
+  shallow.resize(needed);
+}
+
+void ScanLines::Add(absl::Span<const PlacedBeam> beams, absl::Span<const Face> faces_of_beams,
+                    double knots_per_m, const ScanKernel& kernel) {
+  free.MakeSpace(beams.size());
+  faces.MakeSpace(beams.size());
+  const ScanKernel::FaceLineCounts counts =
+      kernel.set_face_lines(MemoryOf(beams), faces_of_beams.data(), beams.size(), knots_per_m,
+                            &free.steep[free.num_steep], &free.shallow[free.num_shallow],
+                            &faces.steep[faces.num_steep], &faces.shallow[faces.num_shallow]);
+  free.num_steep += counts.free.steep;
+  free.num_shallow += counts.free.shallow;
+  faces.num_steep += counts.face.steep;
+  faces.num_shallow += counts.face.shallow;
+}
+
+void ScanLines::Clear() {
+  free.Clear();
+  faces.Clear();
+}
+
 int32_t& ScanScratch::At(int32_t i, int32_t j) {
   return Touch(log_odds_.upright, i >> 5, j >> 5)[(j & 31) * SumBlock<int32_t>::kStride + (i & 31)];
 }
 
 void ScanScratch::AddFreeLines(absl::Span<const PlacedBeam> beams, const FreeLineModel& model,
                                const FreeLineTable<int32_t>& table) {
-  Lines<FreeLine>& lines = free_lines_;
+  LinesByAxis<FreeLine>& lines = lines_.free;
   lines.MakeSpace(beams.size());
   FreeLine* const steep = &lines.steep[lines.num_steep];
   FreeLine* const shallow = &lines.shallow[lines.num_shallow];
   const LineCounts counts = kernel_.set_lines(MemoryOf(beams), beams.size(), model, steep, shallow);
   kernel_.add_lines(steep, counts.steep, table.data(), log_odds_.upright);
   kernel_.add_lines(shallow, counts.shallow, table.data(), log_odds_.transposed);
-}
-
-void ScanScratch::AddFaceLines(absl::Span<const PlacedBeam> beams, absl::Span<const Face> faces,
-                               double knots_per_m) {
-  free_lines_.MakeSpace(beams.size());
-  face_lines_.MakeSpace(beams.size());
-  const ScanKernel::FaceLineCounts counts = kernel_.set_face_lines(
-      MemoryOf(beams), faces.data(), beams.size(), knots_per_m,
-      &free_lines_.steep[free_lines_.num_steep], &free_lines_.shallow[free_lines_.num_shallow],
-      &face_lines_.steep[face_lines_.num_steep], &face_lines_.shallow[face_lines_.num_shallow]);
-  free_lines_.num_steep += counts.free.steep;
-  free_lines_.num_shallow += counts.free.shallow;
-  face_lines_.num_steep += counts.face.steep;
-  face_lines_.num_shallow += counts.face.shallow;
-}
-
-template <typename Line>
-void ScanScratch::Lines<Line>::MakeSpace(size_t count) {
-  const size_t needed = std::max(num_steep, num_shallow) + count + 1;
-  if (steep.size() >= needed) return;
-  steep.resize(needed);
-  shallow.resize(needed);
 }
 
 void ScanScratch::CommitTo(Layer& layer, ControlLimits limits, ControlLimits scan_limits) {
@@ -257,11 +262,10 @@ void ScanScratch::AddUnsettledLines(const Commit& commit) {
                                                   Footprint::kBasis);
   static const FaceLineTable face_table(SignedDistance::kWeightPerKnot);
   // Faces first: where there are some, nothing is settled.
-  kernel_.add_faces(face_lines_.steep.data(), face_lines_.num_steep, face_table.data(),
+  kernel_.add_faces(lines_.faces.steep.data(), lines_.faces.num_steep, face_table.data(),
                     faces_.upright);
-  kernel_.add_faces(face_lines_.shallow.data(), face_lines_.num_shallow, face_table.data(),
+  kernel_.add_faces(lines_.faces.shallow.data(), lines_.faces.num_shallow, face_table.data(),
                     faces_.transposed);
-  face_lines_.num_steep = face_lines_.num_shallow = 0;
   CollectFaceCells(faces_.transposed, faces_.upright);
   Collect(kernel_.faces, faces_);
 
@@ -271,9 +275,9 @@ void ScanScratch::AddUnsettledLines(const Commit& commit) {
     kernel_.add_free_lines(lines.data(), count, free_table.data(), plane);
     plane.OnAdd(nullptr);
   };
-  add(free_lines_.steep, free_lines_.num_steep, free_.upright, false);
-  add(free_lines_.shallow, free_lines_.num_shallow, free_.transposed, true);
-  free_lines_.num_steep = free_lines_.num_shallow = 0;
+  add(lines_.free.steep, lines_.free.num_steep, free_.upright, false);
+  add(lines_.free.shallow, lines_.free.num_shallow, free_.transposed, true);
+  lines_.Clear();
   Collect(kernel_.free, free_);
 }
 

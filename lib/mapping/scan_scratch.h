@@ -13,6 +13,28 @@
 
 namespace splinemap {
 
+// Lines by the axis that they are steep to. The vectors keep their memory, and have space for one
+// more, which kernels write.
+template <typename Line>
+struct LinesByAxis {
+  std::vector<Line> steep;
+  std::vector<Line> shallow;
+  size_t num_steep = 0;
+  size_t num_shallow = 0;
+  void MakeSpace(size_t count);
+  void Clear() { num_steep = num_shallow = 0; }
+};
+
+// Beams as lines of signed distances: up to near their faces, and around them.
+struct ScanLines {
+  LinesByAxis<FreeLine> free;
+  LinesByAxis<FaceLine> faces;
+  // Of beams with a face each.
+  void Add(absl::Span<const PlacedBeam> beams, absl::Span<const Face> faces_of_beams,
+           double knots_per_m, const ScanKernel& kernel);
+  void Clear();
+};
+
 // Sums of the measurements of one scan by control point, in fixed point, exact and independent of
 // the order. Keeps its memory from scan to scan. Thread-compatible.
 //
@@ -42,9 +64,8 @@ class ScanScratch {
   }
   void AddFreeLines(absl::Span<const PlacedBeam> beams, const FreeLineModel& model,
                     const FreeLineTable<int32_t>& table);
-  // Beams with a face each, whose signed distances are committed.
-  void AddFaceLines(absl::Span<const PlacedBeam> beams, absl::Span<const Face> faces,
-                    double knots_per_m);
+  // The lines whose signed distances wait for the commit, which clears them.
+  ScanLines& lines() { return lines_; }
 
   // Brings all sums into the layer as one commit, the results clamped to `limits` (36), and clears
   // the scratch.
@@ -90,18 +111,7 @@ class ScanScratch {
   Planes<uint16_t> free_;
   Planes<FaceSum> faces_;
 
-  // Lines by the axis that they are steep to. The vectors keep their memory, and have space for one
-  // more, which kernels write.
-  template <typename Line>
-  struct Lines {
-    std::vector<Line> steep;
-    std::vector<Line> shallow;
-    size_t num_steep = 0;
-    size_t num_shallow = 0;
-    void MakeSpace(size_t count);
-  };
-  Lines<FreeLine> free_lines_;  // those of signed distances wait for the commit
-  Lines<FaceLine> face_lines_;
+  ScanLines lines_;
 };
 
 }  // namespace splinemap

@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "lib/base/status.h"
-#include "lib/diagnosis/map_match.h"
 #include "lib/diagnosis/pose_oddities.h"
 #include "lib/wire/sensor_messages.h"
 
@@ -14,24 +13,14 @@ namespace {
 
 // So many scans in a row without pose are a problem and no beginning or end.
 constexpr int kManyScans = 20;
-// So many scans in a row at odds with the map are no accident: a walker, an opened door.
-constexpr int kDisagreeingScans = 12;
-// A scan is at odds with the map where this share of its hits lies in free space: of a room that is
-// taken to be elsewhere, half of the walls do, and half lie beyond. Of recorded drives a few
-// percent.
-constexpr double kAtOdds = 0.35;
-constexpr int kMinHits = 10;
 
 // What the flags are tried on, once in the first seconds. A tenth of a second of work.
 constexpr size_t kDriveScans = 40;
 constexpr size_t kDriveBeams = 90;
-// A robot that hardly moves in so many scans gives nothing to try them on.
-constexpr int kScansBeforeFlags = 300;
-// Scans are compared with the map as it was up to so many scans ago: soon they have overwritten
-// what they contradict.
-constexpr int kScansSinceEarlier = 100;
 // Time stamps so far apart are not those of one clock.
 constexpr int64_t kOtherClock_ms = 1000;
+// Some milliseconds of work, so that neither thread often waits for the other.
+constexpr size_t kScansBeside = 64;
 
 }  // namespace
 
@@ -39,18 +28,9 @@ Mapper::Mapper(const config::Config& config, MapOptions map_options, Layer& laye
                ScanArchive archive)
     : pose_channel_(config.pose()),
       max_coordinate_m_(ScanFolder::MaxCoordinate_m(map_options)),
-      map_options_(map_options),
-      layer_(layer),
-      earlier_tiles_(layer.Snapshot().tiles),
-      is_continued_(layer.tiles().size() > 0),
-      max_tiles_((size_t{config.service().max_map_mb()} << 20) / sizeof(Tile)),
-      max_archive_bytes_(size_t{config.service().max_archive_mb()} << 20),
-      archive_(std::move(archive)),
-      beam_model_(BeamModelOptionsOf(config.method())),
-      folder_(map_options),
       queue_(ScanQueueOptionsOf(config.timing()), config.scan_size()),
-      noticed_(queue_.counts()) {
-  if (max_archive_bytes_ == 0) KeepNoScans();
+      noticed_(queue_.counts()),
+      builder_(config, map_options, layer, std::move(archive), findings_) {
   if (!pose_channel_.empty()) channels_.push_back(pose_channel_);
   for (const config::Scan& scan : config.scan()) {
     channels_.push_back(scan.channel());
@@ -82,9 +62,10 @@ void Mapper::HandleMessage(const std::string& channel, absl::Span<const uint8_t>
 void Mapper::Flush() {
   queue_.Flush();
   MapReadyScans();
+  Settled();
   // A short drive is better than none.
-  for (ScanChannel& channel : scan_channels_) {
-    if (channel.drive && channel.options) TryOtherFlags(channel);
+  for (size_t k = 0; k < scan_channels_.size(); ++k) {
+    if (scan_channels_[k].drive && scan_channels_[k].options) TryOtherFlags(static_cast<int>(k));
   }
 }
 
@@ -95,8 +76,9 @@ void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message, Utime re
   const std::optional<MessageType> type = TypeOf(message);
   absl::StatusOr<RangeReadings> readings = DecodeScan(message);
   if (!readings.ok()) {
-    Drop(type && IsScan(*type) ? DropReason::kMalformedScan : DropReason::kWrongTypeOfScan, name,
-         ErrorText(readings.status()));
+    Settled().Drop(
+        type && IsScan(*type) ? DropReason::kMalformedScan : DropReason::kWrongTypeOfScan, name,
+        ErrorText(readings.status()));
     return;
   }
   counts_.beams_received += std::ssize(readings->ranges_m);
@@ -106,25 +88,26 @@ void Mapper::HandleScan(int channel, absl::Span<const uint8_t> message, Utime re
   if (options.stamp_is_receipt) *readings = At(*std::move(readings), received);
   if (scan_channel.config.has_extrinsics_channel()) {
     if (!scan_channel.mount) {
-      Drop(DropReason::kNoExtrinsics, name, DropExplanation(DropReason::kNoExtrinsics));
+      Settled().Drop(DropReason::kNoExtrinsics, name, DropExplanation(DropReason::kNoExtrinsics));
       return;
     }
     options.mount = *scan_channel.mount;
   }
   absl::StatusOr<Scan> scan = PrepareScan(*readings, options, channel);
   if (!scan.ok()) {
-    Drop(DropReason::kUnusableScan, name, ErrorText(scan.status()));
+    Settled().Drop(DropReason::kUnusableScan, name, ErrorText(scan.status()));
     return;
   }
   if (options.use_beam_times && readings->beam_utimes.size() > 1 &&
       !HaveUsefulBeamTimes(*readings)) {
-    Find(Problem::kUselessBeamTimes, name,
-         "the beam times of its scans differ by less than 10 ms; if the sensor is slower, set "
-         "beam_times=false and scan_duration_ms, as preset michigan_2017 does");
+    Settled().Find(
+        Problem::kUselessBeamTimes, name,
+        "the beam times of its scans differ by less than 10 ms; if the sensor is slower, set "
+        "beam_times=false and scan_duration_ms, as preset michigan_2017 does");
   }
   if (scan_channel.drive) {
     scan_channel.drive->AddScan(*std::move(readings), options.time_offset);
-    TryFlagsOnceFull(scan_channel);
+    TryFlagsOnceFull(channel);
   }
   scan_channel.newest_utime = scan->utime;
   queue_.AddScan(*std::move(scan));
@@ -140,12 +123,12 @@ bool Mapper::ChooseOptions(ScanChannel& channel, MessageType type, const RangeRe
   } else if (preset.empty()) {
     preset = DetectPreset(type == MessageType::kPlanarLidar, readings).value_or("");
     if (preset.empty()) {
-      Drop(DropReason::kUnusableScan, name, "has too few beams to tell its preset");
+      Settled().Drop(DropReason::kUnusableScan, name, "has too few beams to tell its preset");
       return false;
     }
-    notices_.Add(false, fmt::format("preset {} {}", name, preset),
-                 fmt::format("{}: {} is read with preset {}, told from the first message", name,
-                             TypeName(type), preset));
+    Settled().notices.Add(false, fmt::format("preset {} {}", name, preset),
+                          fmt::format("{}: {} is read with preset {}, told from the first message",
+                                      name, TypeName(type), preset));
   }
   channel.type = type;
   channel.preset = preset;
@@ -156,8 +139,8 @@ bool Mapper::ChooseOptions(ScanChannel& channel, MessageType type, const RangeRe
 void Mapper::HandleExtrinsics(ScanChannel& channel, absl::Span<const uint8_t> message) {
   const absl::StatusOr<SensorMount> mount = DecodeSensorMount(message);
   if (!mount.ok()) {
-    Drop(DropReason::kMalformedExtrinsics, channel.config.extrinsics_channel(),
-         ErrorText(mount.status()));
+    Settled().Drop(DropReason::kMalformedExtrinsics, channel.config.extrinsics_channel(),
+                   ErrorText(mount.status()));
     return;
   }
   channel.mount = *mount;
@@ -168,150 +151,72 @@ void Mapper::HandlePose(absl::Span<const uint8_t> message) {
   const absl::StatusOr<TimedPose> pose = DecodePose(message);
   if (!pose.ok()) {
     const auto type = TypeOf(message);
-    Drop(type && IsPose(*type) ? DropReason::kMalformedPose : DropReason::kWrongTypeOfPose,
-         pose_channel_, ErrorText(pose.status()));
+    Settled().Drop(
+        type && IsPose(*type) ? DropReason::kMalformedPose : DropReason::kWrongTypeOfPose,
+        pose_channel_, ErrorText(pose.status()));
     return;
   }
   if (const Eigen::Vector2d& p = pose->world_T_robot.position_m;
       p.cwiseAbs().maxCoeff() > max_coordinate_m_) {
-    Drop(DropReason::kPoseOutOfRange, pose_channel_,
-         fmt::format("pose at ({}, {}) m; {:.0f} m is the most", p.x(), p.y(), max_coordinate_m_));
+    Settled().Drop(
+        DropReason::kPoseOutOfRange, pose_channel_,
+        fmt::format("pose at ({}, {}) m; {:.0f} m is the most", p.x(), p.y(), max_coordinate_m_));
     return;
   }
   if (pose->resolution_m > kCoarsePose_m && !std::exchange(poses_are_coarse_, true)) {
-    Find(Problem::kCoarsePoses, pose_channel_, CoarsePoses(*pose));
+    Settled().Find(Problem::kCoarsePoses, pose_channel_, CoarsePoses(*pose));
   }
   newest_pose_utime_ = pose->utime;
   queue_.AddPose(*pose);
-  for (ScanChannel& channel : scan_channels_) {
-    if (!channel.drive) continue;
-    channel.drive->AddPose(*pose);
-    TryFlagsOnceFull(channel);
+  for (size_t k = 0; k < scan_channels_.size(); ++k) {
+    if (!scan_channels_[k].drive) continue;
+    scan_channels_[k].drive->AddPose(*pose);
+    TryFlagsOnceFull(static_cast<int>(k));
   }
   MapReadyScans();
 }
 
 void Mapper::MapReadyScans() {
-  while (std::optional<PosedScan> scan = queue_.Next()) MapScan(*std::move(scan));
+  while (std::optional<PosedScan> scan = queue_.Next()) {
+    const SensorOptions& options = *scan_channels_[scan->channel].options;
+    LayerBuilder::Item& item = beside_ ? beside_->Next() : item_;
+    item.scan = *std::move(scan);
+    item.min_travel_m = options.min_travel_m;
+    item.min_turn_rad = options.min_turn_rad;
+    builder_.Prepare(item);
+    if (beside_) {
+      beside_->Add();
+    } else {
+      builder_.Map(item);
+    }
+  }
   NoticeQueueDrops();
 }
 
-void Mapper::MapScan(PosedScan scan) {
-  ScanChannel& channel = scan_channels_[scan.channel];
-  const std::string& name = channel.config.channel();
-  if (!why_refused_.empty() || layer_.tiles().size() >= max_tiles_) {
-    Drop(DropReason::kMapFull, name,
-         why_refused_.empty() ? DropExplanation(DropReason::kMapFull) : why_refused_);
-    return;
-  }
-  Place(scan, archive_.map_T_world, placed_);
-  if (!HasMoved(channel, placed_.map_T_robot)) {
-    ++counts_.drops[DropReason::kStoodStill];  // as configured: nothing to say
-    return;
-  }
-  if (const absl::Status can_be = folder_.Check(placed_); !can_be.ok()) {
-    Drop(DropReason::kPoseOutOfRange, name, ErrorText(can_be));
-    return;
-  }
-  if (max_archive_bytes_ > 0) Keep(Pack(scan, beam_model_));
-  CheckAgainstMap(channel, placed_);
-  folder_.Fold(placed_, beam_model_, layer_);
-  ++counts_.scans_mapped;
-  counts_.beams_mapped += static_cast<int64_t>(scan.beams.size());
-  newest_scan_utime_ = scan.utime;
-  channel.last_map_T_robot = placed_.map_T_robot;
-  if (max_archive_bytes_ > 0) return;
-  ++archive_.base.scans;
-  archive_.base.newest = std::max(archive_.base.newest, scan.utime);
+void Mapper::MapBeside() {
+  beside_.emplace(kScansBeside, [this](LayerBuilder::Item& item) { builder_.Map(item); });
 }
 
-// Whoever follows is told first, and maps it at the same time.
-void Mapper::Keep(PackedScan scan) {
-  if (on_scan_) on_scan_(layer_.revision() + 1, scan);
-  archive_.Add(std::move(scan), beam_model_);
-  Shorten(archive_, max_archive_bytes_, map_options_);
+Findings& Mapper::Settled() {
+  if (beside_) beside_->Wait();
+  return findings_;
 }
 
-// One byte: that scans are kept at all is told to followers, and stays.
-void Mapper::LimitArchive(size_t max_bytes) {
-  if (max_archive_bytes_ == 0) return;
-  max_archive_bytes_ = std::max<size_t>(1, std::min(max_archive_bytes_, max_bytes));
-  Shorten(archive_, max_archive_bytes_, map_options_);
+void Mapper::TryFlagsOnceFull(int channel) {
+  if (scan_channels_[channel].drive->full()) TryOtherFlags(channel);
 }
 
-// What was kept is in the layer for good.
-void Mapper::KeepNoScans() {
-  ScanArchive::Base& base = archive_.base;
-  archive_.ForEachPose([&](const ScanPose& pose) {
-    ++base.scans;
-    base.newest = std::max(base.newest, pose.utime);
-  });
-  ScanArchive none;
-  none.map_T_world = archive_.map_T_world;
-  none.base = {layer_.Snapshot().tiles, archive_.map_T_world, base.scans, base.newest};
-  archive_ = std::move(none);
-}
-
-void Mapper::ReplaceArchive(ScanArchive archive) {
-  archive_ = std::move(archive);
-  earlier_tiles_ = layer_.Snapshot().tiles;
-  scans_since_earlier_ = 0;
-}
-
-LayerSnapshot Mapper::Snapshot() {
-  LayerSnapshot layer = layer_.Snapshot();
-  if (max_archive_bytes_ == 0) archive_.base.tiles = layer.tiles;
-  layer.archive = std::make_shared<ScanArchive>(archive_);
-  return layer;
-}
-
-bool Mapper::HasMoved(const ScanChannel& channel, const Pose2& map_T_robot) const {
-  const SensorOptions& options = *channel.options;
-  const bool is_filtered = options.min_travel_m > 0 || options.min_turn_rad > 0;
-  if (!is_filtered || !channel.last_map_T_robot) return true;
-  const Pose2& last = *channel.last_map_T_robot;
-  const double travel_m = (map_T_robot.position_m - last.position_m).norm();
-  const double turn_rad = std::abs(WrapAngle(map_T_robot.yaw_rad - last.yaw_rad));
-  return (options.min_travel_m > 0 && travel_m >= options.min_travel_m) ||
-         (options.min_turn_rad > 0 && turn_rad >= options.min_turn_rad);
-}
-
-void Mapper::CheckAgainstMap(ScanChannel& channel, const PlacedScan& scan) {
-  if (++scans_since_earlier_ >= kScansSinceEarlier && channel.disagreeing_in_a_row == 0) {
-    earlier_tiles_ = layer_.Snapshot().tiles;
-    scans_since_earlier_ = 0;
-    is_continued_ = false;
-  }
-  // First things first: wrong flags make scans disagree, too.
-  if (!is_continued_ && channel.drive && ++channel.scans_before_flags < kScansBeforeFlags) return;
-  const HitsInMap hits = FindHits(scan, earlier_tiles_, map_options_.knot_interval_m);
-  if (hits.looked_up < kMinHits) return;
-  const bool at_odds = hits.in_free > kAtOdds * hits.looked_up;
-  channel.disagreeing_in_a_row = at_odds ? channel.disagreeing_in_a_row + 1 : 0;
-  if (channel.disagreeing_in_a_row != kDisagreeingScans) return;
-  channel.disagreeing_in_a_row = 0;
-  if (!channel.better_options.empty()) {
-    Find(Problem::kOptionsDisagree, channel.config.channel(), channel.better_options);
-    return;
-  }
-  Find(Problem::kMapDisagrees, channel.config.channel(),
-       fmt::format("{} scans in a row do not match the map: many of their hits lie where it is "
-                   "free. Did the localisation on {} jump, or does it drift, or is it in another "
-                   "frame or clock than when the map was made? splinemap doctor compares the pose "
-                   "channels of a log",
-                   kDisagreeingScans, pose_channel_));
-}
-
-void Mapper::TryFlagsOnceFull(ScanChannel& channel) {
-  if (channel.drive->full()) TryOtherFlags(channel);
-}
-
-void Mapper::TryOtherFlags(ScanChannel& channel) {
+void Mapper::TryOtherFlags(int index) {
+  ScanChannel& channel = scan_channels_[index];
   const std::unique_ptr<DriveCollector> drive = std::move(channel.drive);
   const auto proposal = SearchFlags(drive->sample(), *channel.options);
-  if (!proposal || proposal->spread > kClearlySharper * proposal->spread_given) return;
+  Findings& findings = Settled();
+  if (!proposal || proposal->spread > kClearlySharper * proposal->spread_given) {
+    builder_.SetFlagsTried(index, "");
+    return;
+  }
   const std::string flag = ScanFlagOf(ScanWith(channel.config, channel.preset, proposal->options));
-  channel.better_options =
+  const std::string better_options =
       proposal->is_time_beyond
           ? fmt::format(
                 "its scans and the poses of {} seem to be more than a second apart; set or "
@@ -321,7 +226,8 @@ void Mapper::TryOtherFlags(ScanChannel& channel) {
                 "read otherwise it gives a sharper map: hits lie in {:.0f} cells of 5 cm, "
                 "and in {:.0f} as it is read now. Try --scan {}",
                 proposal->spread, proposal->spread_given, flag);
-  Find(Problem::kOptionsDisagree, channel.config.channel(), channel.better_options);
+  builder_.SetFlagsTried(index, better_options);
+  findings.Find(Problem::kOptionsDisagree, channel.config.channel(), better_options);
 }
 
 void Mapper::CheckReadings(ScanChannel& channel, const RangeReadings& readings) {
@@ -337,19 +243,7 @@ void Mapper::CheckReadings(ScanChannel& channel, const RangeReadings& readings) 
     right.set_range_max_m(*complaint->right_range_max_m);
     text += fmt::format(", as in --scan {}", ScanFlagOf(right));
   }
-  Find(Problem::kOddReadings, channel.config.channel(), std::move(text));
-}
-
-void Mapper::Drop(DropReason reason, const std::string& channel, const std::string& explanation) {
-  ++counts_.drops[reason];
-  notices_.Add(true, fmt::format("{} {}", DropName(reason), channel),
-               fmt::format("dropped {} on {}: {}", DropName(reason), channel, explanation));
-}
-
-void Mapper::Find(Problem problem, const std::string& channel, std::string text) {
-  ++counts_.problems[static_cast<int>(problem)];
-  notices_.Add(true, fmt::format("{} {}", ProblemName(problem), channel),
-               fmt::format("{}: {}", channel, text));
+  Settled().Find(Problem::kOddReadings, channel.config.channel(), std::move(text));
 }
 
 void Mapper::NoticeQueueDrops() {
@@ -358,18 +252,19 @@ void Mapper::NoticeQueueDrops() {
     const auto reason = static_cast<DropReason>(k);
     if (reason == DropReason::kScanWithoutPose) continue;  // a few are usual; see below
     if (counts.drops[reason] > noticed_.drops[reason]) {
-      notices_.Add(true, DropName(reason),
-                   fmt::format("dropped {}: {}", DropName(reason), DropExplanation(reason)));
+      Settled().notices.Add(
+          true, DropName(reason),
+          fmt::format("dropped {}: {}", DropName(reason), DropExplanation(reason)));
     }
   }
   for (size_t k = 0; k < scan_channels_.size(); ++k) {
     NoticeMissingPoses(static_cast<int>(k));
   }
   if (counts.time_jumps > noticed_.time_jumps) {
-    Find(Problem::kTimeJump,
-         counts.jumped_channel ? scan_channels_[*counts.jumped_channel].config.channel()
-                               : pose_channel_,
-         "message time jumped back (a log was rewound?); the map is kept");
+    Settled().Find(Problem::kTimeJump,
+                   counts.jumped_channel ? scan_channels_[*counts.jumped_channel].config.channel()
+                                         : pose_channel_,
+                   "message time jumped back (a log was rewound?); the map is kept");
   }
   if (counts.pose_jumps > noticed_.pose_jumps) NoticePoseJump();
   noticed_ = counts;
@@ -377,7 +272,8 @@ void Mapper::NoticeQueueDrops() {
 
 void Mapper::NoticePoseJump() {
   const auto& [from, to] = *queue_.counts().last_pose_jump;
-  Find(Problem::kPoseJump, pose_channel_, PoseJumps(from, to, queue_.counts().pose_jumps));
+  Settled().Find(Problem::kPoseJump, pose_channel_,
+                 PoseJumps(from, to, queue_.counts().pose_jumps));
 }
 
 void Mapper::NoticeMissingPoses(int index) {
@@ -385,13 +281,13 @@ void Mapper::NoticeMissingPoses(int index) {
   const int64_t in_a_row = queue_.counts().without_pose_in_a_row[index];
   const std::string& name = channel.config.channel();
   if (in_a_row == 0 && std::exchange(channel.has_no_poses, false)) {
-    notices_.Add(false, "poses again " + name, name + ": scans have poses again");
+    Settled().notices.Add(false, "poses again " + name, name + ": scans have poses again");
   }
   if (in_a_row / kManyScans <= noticed_.without_pose_in_a_row[index] / kManyScans) return;
   channel.has_no_poses = true;
-  Find(Problem::kWithoutPoses, name,
-       fmt::format("{} scans in a row have no poses before and after them. {}", in_a_row,
-                   WhyWithoutPoses(index)));
+  Settled().Find(Problem::kWithoutPoses, name,
+                 fmt::format("{} scans in a row have no poses before and after them. {}", in_a_row,
+                             WhyWithoutPoses(index)));
 }
 
 std::string Mapper::WhyWithoutPoses(int index) const {
@@ -422,7 +318,11 @@ std::string Mapper::WhyWithoutPoses(int index) const {
 
 MapperCounts Mapper::counts() const {
   MapperCounts counts = counts_;
+  counts.scans_mapped = builder_.scans_mapped();
+  counts.beams_mapped = builder_.beams_mapped();
+  counts.drops = findings_.drops;
   counts.drops += queue_.counts().drops;
+  counts.problems = findings_.problems;
   return counts;
 }
 

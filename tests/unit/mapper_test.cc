@@ -317,6 +317,26 @@ TEST_F(MapperTest, AFullMapDropsScansAndKeepsWhatItHas) {
   EXPECT_EQ(counts.drops[DropReason::kMapFull] + counts.scans_mapped, 1000);
 }
 
+// Which scan is the first that does not fit depends on the scans before.
+TEST_F(MapperTest, AMapThatIsMappedBesideIsFullAtTheSameScan) {
+  config_.mutable_service()->set_max_map_mb(1);
+  uint64_t revisions[2];
+  for (uint64_t& revision : revisions) {
+    const uint64_t before = layer_.revision();
+    layer_.StartEmptySession({2, 2});
+    Configure("LASER:bot_core");
+    if (&revision == revisions) mapper_->MapBeside();
+    for (int n = 0; n < 1000; ++n) {
+      Pose(1000 * n, 10.0 * n);
+      ScanLeft(1000 * n);
+    }
+    mapper_->Flush();
+    revision = layer_.revision() - before;
+    EXPECT_EQ(mapper_->counts().drops[DropReason::kMapFull] + mapper_->counts().scans_mapped, 1000);
+  }
+  EXPECT_EQ(revisions[0], revisions[1]);
+}
+
 TEST_F(MapperTest, WhoRefusesScansSaysWhy) {
   Configure("LASER:bot_core");
   for (int n = 0; n < 30; ++n) {

@@ -12,8 +12,10 @@
 #include <thread>
 #include <vector>
 
+#include "fmt/ranges.h"
 #include "lcmtypes/michigan/lidar_t.hpp"
 #include "lib/pipeline/mapper.h"
+#include "lib/tiles/tile_codec.h"
 #include "lib/wire/encode.h"
 #include "services/splinemapd/daemon.h"
 #include "splinemap/file.h"
@@ -240,6 +242,44 @@ TEST(ReplayPropertyTest, WhoeverLooksOnChangesNothing) {
        {DropReason::kMalformedScan, DropReason::kMalformedPose, DropReason::kDuplicateScan,
         DropReason::kLateScan, DropReason::kScanWithoutPose, DropReason::kDuplicatePose}) {
     EXPECT_GT(drops[reason], 40) << DropName(reason);
+  }
+}
+
+// All that a log leaves behind, in words and bytes.
+std::string OutcomeOf(const Log& log, const config::Config& config, bool beside) {
+  MapWriter map(MapOptionsOf(config.method()));
+  Layer& layer = map.AddLayer({"robot", 1}, {1, 1});
+  Mapper mapper(config, map.options(), layer);
+  if (beside) mapper.MapBeside();
+  for (const Message& message : log) mapper.HandleMessage(message.channel, message.bytes);
+  mapper.Flush();
+  const MapperCounts counts = mapper.counts();
+  std::string outcome = fmt::format("{} of {} scans, {} beams\n", counts.scans_mapped,
+                                    counts.scans_received, counts.beams_mapped);
+  for (int k = 0; k < kNumDropReasons; ++k) {
+    outcome += fmt::format("{}, ", counts.drops[static_cast<DropReason>(k)]);
+  }
+  outcome += fmt::format("\n{}\n", fmt::join(counts.problems, ", "));
+  for (const Notice& notice : mapper.DrainNotices()) {
+    outcome += fmt::format("{} times: {}\n", notice.times, notice.text);
+  }
+  const LayerSnapshot snapshot = mapper.Snapshot();
+  for (const auto& block : snapshot.archive->Blocks()) outcome += *block->beams + block->poses;
+  snapshot.tiles.ForEach([&](TileKey key, const TileTree::Entry& entry) {
+    outcome += fmt::format("\n{}, {}, {}: {}", key.tx, key.ty, entry.revision,
+                           TileChecksum(key, *entry.tile->Get()));
+  });
+  return outcome;
+}
+
+TEST(ReplayPropertyTest, MappingBesideMapsAndSaysTheSame) {
+  for (int seed = 0; seed < NumSchedules(40); ++seed) {
+    Random random(seed);
+    const Log log = SomeLog(random);
+    config::Config config = ThreeScanners();
+    if (Chance(random, 0.5)) config.mutable_scan(0)->set_min_travel_m(0.1);
+    if (Chance(random, 0.3)) config.mutable_service()->set_max_archive_mb(0);
+    EXPECT_TRUE(OutcomeOf(log, config, true) == OutcomeOf(log, config, false)) << "seed " << seed;
   }
 }
 
