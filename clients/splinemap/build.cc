@@ -1,3 +1,5 @@
+#include <sched.h>
+
 #include <CLI/App.hpp>
 #include <algorithm>
 #include <cstdio>
@@ -44,13 +46,19 @@ ScanArchive EmptyArchive(const config::Config& config) {
   return archive;
 }
 
+// On one, two threads would take turns in its caches.
+bool HasSecondCore() {
+  cpu_set_t cores;
+  return sched_getaffinity(0, sizeof(cores), &cores) == 0 && CPU_COUNT(&cores) > 1;
+}
+
 // A log, mapped.
 struct MappedLog {
   MappedLog(const config::Config& config, LayerId id, SessionId session)
       : options(MapOptionsOf(config.method())),
         layer(std::move(id), session),
         mapper(config, options, layer, EmptyArchive(config)) {
-    mapper.MapBeside();
+    if (HasSecondCore()) mapper.MapBeside();
   }
 
   MapOptions options;

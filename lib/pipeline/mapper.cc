@@ -19,8 +19,9 @@ constexpr size_t kDriveScans = 40;
 constexpr size_t kDriveBeams = 90;
 // Time stamps so far apart are not those of one clock.
 constexpr int64_t kOtherClock_ms = 1000;
-// Some milliseconds of work, so that neither thread often waits for the other.
-constexpr size_t kScansBeside = 64;
+// A millisecond of work or two, so that neither thread often waits for the other, and what is
+// prepared is still in caches.
+constexpr size_t kScansBeside = 32;
 
 }  // namespace
 
