@@ -317,24 +317,30 @@ TEST_F(MapperTest, AFullMapDropsScansAndKeepsWhatItHas) {
   EXPECT_EQ(counts.drops[DropReason::kMapFull] + counts.scans_mapped, 1000);
 }
 
-// Which scan is the first that does not fit depends on the scans before.
+// Which scan is the first that does not fit depends on the scans before; and it is said before what
+// comes after it.
 TEST_F(MapperTest, AMapThatIsMappedBesideIsFullAtTheSameScan) {
   config_.mutable_service()->set_max_map_mb(1);
-  uint64_t revisions[2];
-  for (uint64_t& revision : revisions) {
-    const uint64_t before = layer_.revision();
+  std::vector<std::string> said;
+  const auto map = [&](bool beside, int64_t garbage_after) {
     layer_.StartEmptySession({2, 2});
     Configure("LASER:bot_core");
-    if (&revision == revisions) mapper_->MapBeside();
+    if (beside) mapper_->MapBeside();
     for (int n = 0; n < 1000; ++n) {
       Pose(1000 * n, 10.0 * n);
       ScanLeft(1000 * n);
+      if (n == garbage_after) mapper_->HandleMessage("LASER", std::vector<uint8_t>{1, 2, 3});
     }
     mapper_->Flush();
-    revision = layer_.revision() - before;
-    EXPECT_EQ(mapper_->counts().drops[DropReason::kMapFull] + mapper_->counts().scans_mapped, 1000);
+    said.clear();
+    for (const Notice& notice : mapper_->DrainNotices()) said.push_back(notice.subject);
+    return mapper_->counts().scans_mapped;
+  };
+  const int64_t mapped = map(false, -1);
+  for (const bool beside : {false, true}) {
+    EXPECT_EQ(map(beside, mapped), mapped);
+    EXPECT_EQ(said, (std::vector<std::string>{"map_full LASER", "wrong_type_of_scan LASER"}));
   }
-  EXPECT_EQ(revisions[0], revisions[1]);
 }
 
 TEST_F(MapperTest, WhoRefusesScansSaysWhy) {
