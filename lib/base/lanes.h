@@ -14,6 +14,8 @@ namespace splinemap {
 typedef double Doubles4 __attribute__((vector_size(32)));
 typedef uint64_t Words4 __attribute__((vector_size(32)));
 typedef int64_t Longs4 __attribute__((vector_size(32)));
+typedef double Doubles8 __attribute__((vector_size(64)));
+typedef uint64_t Words8 __attribute__((vector_size(64)));
 typedef int32_t Integers4 __attribute__((vector_size(16)));
 typedef int32_t Integers8 __attribute__((vector_size(32)));
 typedef float Floats8 __attribute__((vector_size(32)));

@@ -11,14 +11,18 @@ namespace splinemap {
 
 inline constexpr double kLogOddsPerUnit = 1.0 / kUnitsPerLogOdds;
 
-// Some points, few enough for the fastest cache. alignas: for vectors of four.
+// Some points, few enough for the fastest cache. alignas: for vectors.
 struct PointBlock {
   static constexpr int kSize = 64;
-  // Of each point: the first control point of its patch, and where it lies in its knot interval.
-  int32_t i[kSize];
-  int32_t j[kSize];
-  alignas(32) double t_x[kSize];
-  alignas(32) double t_y[kSize];
+  int count = 0;  // a multiple of 8
+  // Of each point: the tile of the first control point of its patch, a TileKey; the place of that
+  // in the tile; -1 if the patch reaches other tiles, too, else 0; and where the point lies in its
+  // knot interval.
+  uint64_t keys[kSize];
+  int32_t indices[kSize];
+  int32_t is_crossing[kSize];
+  alignas(64) double t_x[kSize];
+  alignas(64) double t_y[kSize];
   // The control points, as PointKernel takes them.
   const ControlPoint* patches[kSize];
 };
@@ -32,13 +36,13 @@ struct PointKernel {
   void (*evaluate_point)(const ControlPoint* patch, double t_x, double t_y, double knots_per_m,
                          SurfaceSample& sample);
 
-  // The rest is about points in fours; `count` is a multiple of 4, at most PointBlock::kSize.
-
-  // Sets all of `block` but the patches; returns whether all points are on the map. Those that are
-  // not are located in knot 0.
-  bool (*locate)(const Eigen::Vector2d* points_m, int count, double knot_interval_m,
-                 PointBlock& block);
-  void (*evaluate)(const PointBlock& block, int count, double knots_per_m, SurfaceSample* samples);
+  // Sets all of a block of block.count points but the patches; returns whether all points are on
+  // the map. Those that are not are located in knot 0.
+  bool (*locate)(const Eigen::Vector2d* points_m, double knot_interval_m, PointBlock& block);
+  // Meanwhile it has the patches of the next block on their way from memory; that has no more
+  // points.
+  void (*evaluate)(const PointBlock& block, const PointBlock& next, double knots_per_m,
+                   SurfaceSample* samples);
 };
 
 // Those that this processor can run, the plain one first, the fastest last.

@@ -6,7 +6,7 @@
 #include "splinemap/surface.h"
 
 // EvaluatePatch() for functions that are compiled for several kinds of instructions, which have to
-// inline it: for one point, and for four of them. Without fused multiplications, and with sums in
+// inline it: for one point, and for several. Without fused multiplications, and with sums in
 // the same order, all give the same bytes.
 //
 // s = by^T C bx, equation (4) with rows for y; derivatives are by phase until the end.
@@ -58,69 +58,82 @@ __attribute__((always_inline)) inline Doubles4 EvaluateRows(const Doubles4 (&row
          Sums(by * derivative_sums, BasisDerivativeRow(t_y) * sums, by * sums, Doubles4{});
 }
 
-// One number of the basis for four points.
-__attribute__((always_inline)) inline Doubles4 BasisOf4(int k, Doubles4 t) {
-  return ((kBasisPieces[3][k] * t + kBasisPieces[2][k]) * t + kBasisPieces[1][k]) * t +
-         kBasisPieces[0][k];
+// a + b, but for the sign of a zero, which is lost where this is called.
+template <typename Doubles>
+__attribute__((always_inline)) inline Doubles Plus(Doubles a, double b) {
+  return b == 0 ? a : a + b;
 }
 
-__attribute__((always_inline)) inline Doubles4 BasisDerivativeOf4(int k, Doubles4 t) {
-  return (3 * kBasisPieces[3][k] * t + 2 * kBasisPieces[2][k]) * t + kBasisPieces[1][k];
+// One number of the basis for each of several points, four or eight.
+template <typename Doubles>
+__attribute__((always_inline)) inline Doubles BasisOfEach(int k, Doubles t) {
+  const Doubles square = Plus(kBasisPieces[3][k] * t, kBasisPieces[2][k]) * t;
+  return Plus(Plus(square, kBasisPieces[1][k]) * t, kBasisPieces[0][k]);
 }
 
-__attribute__((always_inline)) inline Doubles4 SumOf4(const Doubles4 (&a)[4],
-                                                      const Doubles4 (&b)[4]) {
+template <typename Doubles>
+__attribute__((always_inline)) inline Doubles BasisDerivativeOfEach(int k, Doubles t) {
+  return Plus(3 * kBasisPieces[3][k] * t, 2 * kBasisPieces[2][k]) * t + kBasisPieces[1][k];
+}
+
+template <typename Doubles>
+__attribute__((always_inline)) inline Doubles SumOfEach(const Doubles (&a)[4],
+                                                        const Doubles (&b)[4]) {
   return (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3]);
 }
 
 // Number k of the four control points in each word, of which the sign bits are flipped. There is no
 // vector conversion of 64-bit integers before AVX-512; but 2^52 + n, for small n >= 0, is a double
 // whose low bits are n.
-__attribute__((always_inline)) inline Doubles4 ControlPointOf4(Words4 row, int k) {
+template <typename Doubles, typename Words>
+__attribute__((always_inline)) inline Doubles ControlPointOfEach(Words row, int k) {
   constexpr uint64_t kTwo52 = 0x4330000000000000;
   row >>= 16 * k;
+  Words bits;
 #ifdef __AVX2__
-  const __m256i bits =
-      _mm256_blend_epi16(_mm256_set1_epi64x(kTwo52), reinterpret_cast<__m256i>(row), 0x11);
-#else
-  const Words4 bits = (row & 0xffff) | kTwo52;
+  if constexpr (sizeof(Words) == sizeof(__m256i)) {
+    bits = reinterpret_cast<Words>(
+        _mm256_blend_epi16(_mm256_set1_epi64x(kTwo52), reinterpret_cast<__m256i>(row), 0x11));
+  } else
 #endif
-  return reinterpret_cast<Doubles4>(bits) - (0x1p52 + 0x1p15);
+    bits = (row & 0xffff) | kTwo52;
+  return reinterpret_cast<Doubles>(bits) - (0x1p52 + 0x1p15);
 }
 
-struct Samples4 {
-  Doubles4 log_odds;
-  Doubles4 gradient_x_per_m;
-  Doubles4 gradient_y_per_m;
+template <typename Doubles>
+struct SampleOfEach {
+  Doubles log_odds;
+  Doubles gradient_x_per_m;
+  Doubles gradient_y_per_m;
 };
 
-// Four points. rows[r]: of each point the control points of row r, the first in the low 16 bits.
-__attribute__((always_inline)) inline Samples4 EvaluateRowsOf4(const Words4 (&rows)[4],
-                                                               Doubles4 t_x, Doubles4 t_y,
-                                                               double scale, double knots_per_m) {
-  Doubles4 bx[4];
-  Doubles4 dbx[4];
+// Several points. rows[r]: of each point the control points of row r, the first in the low 16 bits.
+template <typename Doubles, typename Words>
+__attribute__((always_inline)) inline SampleOfEach<Doubles> EvaluateRowsOfEach(
+    const Words (&rows)[4], Doubles t_x, Doubles t_y, double scale, double knots_per_m) {
+  Doubles bx[4];
+  Doubles dbx[4];
   for (int k = 0; k < 4; ++k) {
-    bx[k] = BasisOf4(k, t_x);
-    dbx[k] = BasisDerivativeOf4(k, t_x);
+    bx[k] = BasisOfEach(k, t_x);
+    dbx[k] = BasisDerivativeOfEach(k, t_x);
   }
-  Doubles4 sums[4];
-  Doubles4 derivative_sums[4];
+  Doubles sums[4];
+  Doubles derivative_sums[4];
   for (int r = 0; r < 4; ++r) {
-    const Words4 row = rows[r] ^ 0x8000800080008000;
-    Doubles4 c[4];
-    for (int k = 0; k < 4; ++k) c[k] = ControlPointOf4(row, k);
-    sums[r] = SumOf4(c, bx);
-    derivative_sums[r] = SumOf4(c, dbx);
+    const Words row = rows[r] ^ 0x8000800080008000;
+    Doubles c[4];
+    for (int k = 0; k < 4; ++k) c[k] = ControlPointOfEach<Doubles>(row, k);
+    sums[r] = SumOfEach(c, bx);
+    derivative_sums[r] = SumOfEach(c, dbx);
   }
-  Doubles4 by[4];
-  Doubles4 dby[4];
+  Doubles by[4];
+  Doubles dby[4];
   for (int k = 0; k < 4; ++k) {
-    by[k] = BasisOf4(k, t_y);
-    dby[k] = BasisDerivativeOf4(k, t_y);
+    by[k] = BasisOfEach(k, t_y);
+    dby[k] = BasisDerivativeOfEach(k, t_y);
   }
-  return {scale * SumOf4(by, sums), scale * knots_per_m * SumOf4(by, derivative_sums),
-          scale * knots_per_m * SumOf4(dby, sums)};
+  return {scale * SumOfEach(by, sums), scale * knots_per_m * SumOfEach(by, derivative_sums),
+          scale * knots_per_m * SumOfEach(dby, sums)};
 }
 
 }  // namespace splinemap

@@ -51,12 +51,10 @@ struct KeyTree<Value>::Inner : Node {
   std::array<std::shared_ptr<Node>, 64> children;
 };
 
-// By child; what queries look at stands close together.
+// By child.
 template <typename Value>
 struct KeyTree<Value>::Leaf : Node {
-  std::array<std::shared_ptr<const Value>, 64> tiles;
-  std::array<Hint, 64> hints;
-  std::array<uint64_t, 64> revisions{};
+  std::array<Slot, 64> slots;
   std::array<uint64_t, 64> versions{};  // of the last change
   std::bitset<64> is_shared;            // with others than trees, who must not see edits
 };
@@ -81,49 +79,39 @@ const typename KeyTree<Value>::Leaf* KeyTree<Value>::FindLeaf(TileKey key) const
 }
 
 template <typename Value>
+const typename KeyTree<Value>::Slot& KeyTree<Value>::AbsentSlot() {
+  static const Slot absent;
+  return absent;
+}
+
+template <typename Value>
+const typename KeyTree<Value>::Slot& KeyTree<Value>::FindSlot(TileKey key) const {
+  const Leaf* leaf = FindLeaf(key);
+  return leaf == nullptr ? AbsentSlot() : leaf->slots[key_tree::ChildInLeaf(key)];
+}
+
+template <typename Value>
 const Value* KeyTree<Value>::Find(TileKey key) const {
-  const Leaf* leaf = FindLeaf(key);
-  return leaf == nullptr ? nullptr : leaf->tiles[key_tree::ChildInLeaf(key)].get();
+  return FindSlot(key).value.get();
 }
 
 template <typename Value>
-const Value* KeyTree<Value>::Find(TileKey key, const Hint*& hint) const {
-  const Leaf* leaf = FindLeaf(key);
-  if (leaf == nullptr) return nullptr;
-  const int child = key_tree::ChildInLeaf(key);
-  const Value* value = leaf->tiles[child].get();
-  if (value != nullptr) hint = &leaf->hints[child];
-  return value;
-}
-
-// The second loop is short, so that the processor waits for many leaves at once.
-template <typename Value>
-void KeyTree<Value>::FindMany(absl::Span<const TileKey> keys,
-                              absl::Span<const Value*> tiles) const {
-  static const std::shared_ptr<const Value> absent;
-  constexpr size_t kBlock = 256;
-  std::array<const std::shared_ptr<const Value>*, kBlock> slots;
-  for (size_t begin = 0; begin < keys.size(); begin += kBlock) {
-    const size_t count = std::min(kBlock, keys.size() - begin);
-    for (size_t n = 0; n < count; ++n) {
-      const TileKey key = keys[begin + n];
-      const Leaf* leaf = FindLeaf(key);
-      slots[n] = leaf == nullptr ? &absent : &leaf->tiles[key_tree::ChildInLeaf(key)];
-    }
-    for (size_t n = 0; n < count; ++n) tiles[begin + n] = slots[n]->get();
+void KeyTree<Value>::FindSlots(absl::Span<const TileKey> keys,
+                               absl::Span<const Slot*> slots) const {
+  for (size_t n = 0; n < keys.size(); ++n) {
+    slots[n] = &FindSlot(keys[n]);
+    __builtin_prefetch(slots[n]);
   }
 }
 
 template <typename Value>
 std::shared_ptr<const Value> KeyTree<Value>::Share(TileKey key) const {
-  const Leaf* leaf = FindLeaf(key);
-  return leaf == nullptr ? nullptr : leaf->tiles[key_tree::ChildInLeaf(key)];
+  return FindSlot(key).value;
 }
 
 template <typename Value>
 uint64_t KeyTree<Value>::RevisionOf(TileKey key) const {
-  const Leaf* leaf = FindLeaf(key);
-  return leaf == nullptr ? 0 : leaf->revisions[key_tree::ChildInLeaf(key)];
+  return FindSlot(key).revision;
 }
 
 // Leaf by leaf.
@@ -139,8 +127,8 @@ void KeyTree<Value>::ForEachIn(TileKey first, TileKey last, Visitor visit) const
       if (const Leaf* leaf = FindLeaf({tx, ty})) {
         for (TileKey key{tx, ty}; key.ty <= last_ty; ++key.ty) {
           for (key.tx = tx; key.tx <= last_tx; ++key.tx) {
-            const int child = key_tree::ChildInLeaf(key);
-            if (leaf->tiles[child]) visit(key, {leaf->tiles[child], leaf->revisions[child]});
+            const Slot& slot = leaf->slots[key_tree::ChildInLeaf(key)];
+            if (slot.value) visit(key, {slot.value, slot.revision});
           }
         }
       }
@@ -170,9 +158,10 @@ void KeyTree<Value>::Visit(const Node& node, int level, uint32_t x, uint32_t y, 
       if (next) Visit(*next, level - 1, child_x, child_y, since, visit);
     } else {
       const Leaf& leaf = static_cast<const Leaf&>(node);
-      if (leaf.tiles[child] && leaf.versions[child] > since) {
+      const Slot& slot = leaf.slots[child];
+      if (slot.value && leaf.versions[child] > since) {
         visit({key_tree::Unbiased(child_x), key_tree::Unbiased(child_y)},
-              {leaf.tiles[child], leaf.revisions[child]});
+              {slot.value, slot.revision});
       }
     }
   }
@@ -222,15 +211,15 @@ template <typename Value>
 void KeyTree<Value>::VisitDifferences(const Leaf* before, const Leaf* after, uint32_t x, uint32_t y,
                                       DifferenceVisitor visit) {
   for (uint32_t child = 0; child < 64; ++child) {
-    const bool was = before != nullptr && before->tiles[child] != nullptr;
-    const bool is = after != nullptr && after->tiles[child] != nullptr;
+    const bool was = before != nullptr && before->slots[child].value != nullptr;
+    const bool is = after != nullptr && after->slots[child].value != nullptr;
     if (!was && !is) continue;
-    if (was && is && before->tiles[child] == after->tiles[child] &&
-        before->revisions[child] == after->revisions[child]) {
+    if (was && is && before->slots[child].value == after->slots[child].value &&
+        before->slots[child].revision == after->slots[child].revision) {
       continue;
     }
     const auto entry = [child](const Leaf& leaf) {
-      return Entry{leaf.tiles[child], leaf.revisions[child]};
+      return Entry{leaf.slots[child].value, leaf.slots[child].revision};
     };
     std::optional<Entry> entry_before;
     std::optional<Entry> entry_after;
@@ -282,27 +271,30 @@ template <typename Value>
 Value& KeyTreeEditor<Value>::Edit(TileKey key, uint64_t revision) {
   auto& leaf = OwnLeaf(key);
   const int child = key_tree::ChildInLeaf(key);
-  std::shared_ptr<const Value>& tile = leaf.tiles[child];
-  if (!tile) {
-    tile = std::make_shared<Value>();
+  auto& slot = leaf.slots[child];
+  if (!slot.value) {
+    slot.value = std::make_shared<Value>();
     ++tree_.size_;
   } else if (leaf.is_shared[child] || leaf.versions[child] != tree_.version_) {
-    tile = std::make_shared<Value>(*tile);
+    slot.value = std::make_shared<Value>(*slot.value);
   }
-  leaf.revisions[child] = revision;
+  slot.hint.Clear();
+  slot.revision = revision;
   leaf.versions[child] = tree_.version_;
   leaf.is_shared[child] = false;
   // Made here as a non-const Value, and no frozen tree has it yet.
-  return const_cast<Value&>(*tile);
+  return const_cast<Value&>(*slot.value);
 }
 
 template <typename Value>
 void KeyTreeEditor<Value>::Put(TileKey key, std::shared_ptr<const Value> tile, uint64_t revision) {
   auto& leaf = OwnLeaf(key);
   const int child = key_tree::ChildInLeaf(key);
-  if (!leaf.tiles[child]) ++tree_.size_;
-  leaf.tiles[child] = std::move(tile);
-  leaf.revisions[child] = revision;
+  auto& slot = leaf.slots[child];
+  if (!slot.value) ++tree_.size_;
+  slot.value = std::move(tile);
+  slot.hint.Clear();
+  slot.revision = revision;
   leaf.versions[child] = tree_.version_;
   leaf.is_shared[child] = true;
 }

@@ -167,7 +167,10 @@ StoredTile::Eviction StoredTile::Evict() const {
     source_->memory()->Remove();
   }
   is_locked_.store(false, std::memory_order_release);
-  if (gone) ReadSection::Retire(std::move(gone));
+  if (gone) {
+    num_evictions_.fetch_add(1);
+    ReadSection::Retire(std::move(gone));
+  }
   return eviction;
 }
 

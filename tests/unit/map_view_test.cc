@@ -311,39 +311,83 @@ class ListedTiles : public TileSource {
       : TileSource(std::move(memory)), tiles_(std::move(tiles)) {}
 
   std::shared_ptr<const Tile> Load(int64_t number, uint64_t /*checksum*/) override {
-    return std::make_shared<const Tile>(tiles_[number - 1]);
+    return is_broken ? nullptr : std::make_shared<const Tile>(tiles_[number - 1]);
   }
+
+  std::atomic<bool> is_broken = false;
 
  private:
   const std::vector<Tile> tiles_;
 };
 
+// A map of 64 tiles, of which 3 are in memory, and the same that is all in memory.
+struct TilesThatLeave {
+  explicit TilesThatLeave(std::mt19937_64& random) {
+    std::vector<Tile> tiles;
+    for (int n = 0; n < 64; ++n) tiles.push_back(RandomTile(random));
+    source = std::make_shared<ListedTiles>(memory, tiles);
+    TileTreeEditor stored;
+    TileTreeEditor in_memory;
+    for (int64_t n = 0; n < 64; ++n) {
+      const TileKey key{static_cast<int32_t>(n % 8 - 4), static_cast<int32_t>(n / 8 - 4)};
+      stored.Put(key, std::make_shared<const StoredTile>(source, n + 1), 1);
+      in_memory.Put(key, std::make_shared<const StoredTile>(tiles[n]), 1);
+    }
+    view = std::make_shared<const MapView>(MapView{{0.05, kLimits}, 1, stored.Freeze()});
+    expected = std::make_shared<const MapView>(MapView{{0.05, kLimits}, 1, in_memory.Freeze()});
+  }
+
+  const std::shared_ptr<TileMemory> memory = std::make_shared<TileMemory>(3);
+  std::shared_ptr<ListedTiles> source;
+  std::shared_ptr<const MapView> view;
+  std::shared_ptr<const MapView> expected;
+};
+
 TEST(MapViewTest, TilesThatLeaveMemoryGiveTheSameBytes) {
   std::mt19937_64 random(7);
-  std::vector<Tile> tiles;
-  for (int n = 0; n < 64; ++n) tiles.push_back(RandomTile(random));
-  const auto memory = std::make_shared<TileMemory>(3);
-  const auto source = std::make_shared<ListedTiles>(memory, tiles);
-  TileTreeEditor stored;
-  TileTreeEditor in_memory;
-  for (int64_t n = 0; n < 64; ++n) {
-    const TileKey key{static_cast<int32_t>(n % 8 - 4), static_cast<int32_t>(n / 8 - 4)};
-    stored.Put(key, std::make_shared<const StoredTile>(source, n + 1), 1);
-    in_memory.Put(key, std::make_shared<const StoredTile>(tiles[n]), 1);
-  }
-  const auto view = std::make_shared<const MapView>(MapView{{0.05, kLimits}, 1, stored.Freeze()});
-  const MapView expected{{0.05, kLimits}, 1, in_memory.Freeze()};
+  const TilesThatLeave map(random);
   const std::vector<Eigen::Vector2d> points_m = AllKindsOfPoints(random);
   std::vector<SurfaceSample> samples(points_m.size());
-  view->EvaluateMany(points_m, absl::MakeSpan(samples));
-  PathReader reader(view);
+  map.view->EvaluateMany(points_m, absl::MakeSpan(samples));
+  PathReader reader(map.view);
   for (size_t n = 0; n < points_m.size(); ++n) {
-    const SurfaceSample sample = expected.Evaluate(points_m[n].x(), points_m[n].y());
+    const SurfaceSample sample = map.expected->Evaluate(points_m[n].x(), points_m[n].y());
     ExpectSameBytes(samples[n], sample);
-    ExpectSameBytes(view->Evaluate(points_m[n].x(), points_m[n].y()), sample);
+    ExpectSameBytes(map.view->Evaluate(points_m[n].x(), points_m[n].y()), sample);
     ExpectSameBytes(reader.Evaluate(points_m[n].x(), points_m[n].y()), sample);
   }
-  EXPECT_LE(memory->num_tiles(), 3u);
+  EXPECT_LE(map.memory->num_tiles(), 3u);
+}
+
+TEST(MapViewTest, ManyThreadsEvaluateWhileTilesLeaveMemory) {
+  std::mt19937_64 random(8);
+  const TilesThatLeave map(random);
+  const std::vector<Eigen::Vector2d> points_m = AllKindsOfPoints(random);
+  std::vector<SurfaceSample> expected(points_m.size());
+  map.expected->EvaluateMany(points_m, absl::MakeSpan(expected));
+  std::vector<std::jthread> threads;
+  for (int k = 0; k < 3; ++k) {
+    threads.emplace_back([&] {
+      std::vector<SurfaceSample> samples(points_m.size());
+      map.view->EvaluateMany(points_m, absl::MakeSpan(samples));
+      for (size_t n = 0; n < points_m.size(); ++n) {
+        ExpectSameBytes(samples[n], expected[n]);
+        ExpectSameBytes(map.view->Evaluate(points_m[n].x(), points_m[n].y()), expected[n]);
+      }
+    });
+  }
+}
+
+TEST(MapViewTest, ATileThatCannotBeReadIsReadWhenItCan) {
+  std::mt19937_64 random(9);
+  const TilesThatLeave map(random);
+  const Eigen::Vector2d point_m(0.8, 0.8);
+  map.source->is_broken = true;
+  ExpectSameBytes(map.view->Evaluate(point_m.x(), point_m.y()), {});
+  map.source->is_broken = false;
+  const SurfaceSample expected = map.expected->Evaluate(point_m.x(), point_m.y());
+  EXPECT_NE(expected.log_odds, 0);
+  ExpectSameBytes(map.view->Evaluate(point_m.x(), point_m.y()), expected);
 }
 
 TEST(MapViewTest, FarAndUndefinedPointsAreUnknown) {

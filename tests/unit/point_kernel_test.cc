@@ -46,6 +46,7 @@ TEST(PointKernelTest, EveryKernelEvaluatesToTheBytesOfThePlainCode) {
         c = random() % 5 == 0 ? 0 : static_cast<ControlPoint>(random());
       }
       PointBlock block;
+      block.count = PointBlock::kSize;
       for (int n = 0; n < PointBlock::kSize; ++n) {
         const int column = place(random);
         block.patches[n] = &tile.control_points[IndexInTile(column, place(random))];
@@ -53,7 +54,7 @@ TEST(PointKernelTest, EveryKernelEvaluatesToTheBytesOfThePlainCode) {
         block.t_y[n] = n % 7 == 0 ? 0.5 : phase(random);
       }
       std::array<SurfaceSample, PointBlock::kSize> samples;
-      kernel.evaluate(block, PointBlock::kSize, 1 / kKnot, samples.data());
+      kernel.evaluate(block, PointBlock(), 1 / kKnot, samples.data());
       for (int n = 0; n < PointBlock::kSize; ++n) {
         const ControlPoint* const patch = block.patches[n];
         const SurfaceSample expected = Expected(patch, block.t_x[n], block.t_y[n]);
@@ -88,15 +89,19 @@ TEST(PointKernelTest, EveryKernelLocatesPointsAsLocateKnotDoes) {
         point_m = {x_m, any()};
       }
       PointBlock block;
-      const bool all_on_map = kernel.locate(points_m.data(), PointBlock::kSize, kKnot, block);
+      block.count = PointBlock::kSize;
+      const bool all_on_map = kernel.locate(points_m.data(), kKnot, block);
       bool expected_on_map = true;
       for (int n = 0; n < PointBlock::kSize; ++n) {
         const KnotPosition off_map;
         const auto x = LocateKnot(points_m[n].x(), kKnot);
         const auto y = LocateKnot(points_m[n].y(), kKnot);
         expected_on_map = expected_on_map && x && y;
-        ASSERT_EQ(block.i[n], x.value_or(off_map).index - 1) << points_m[n].transpose();
-        ASSERT_EQ(block.j[n], y.value_or(off_map).index - 1);
+        const int32_t i = x.value_or(off_map).index - 1;
+        const int32_t j = y.value_or(off_map).index - 1;
+        ASSERT_EQ(std::bit_cast<TileKey>(block.keys[n]), TileOf(i, j)) << points_m[n].transpose();
+        ASSERT_EQ(block.indices[n], IndexInTile(i, j));
+        ASSERT_EQ(block.is_crossing[n], TileOf(i, j) == TileOf(i + 3, j + 3) ? 0 : -1);
         ASSERT_EQ(block.t_x[n], x.value_or(off_map).t);
         ASSERT_EQ(block.t_y[n], y.value_or(off_map).t);
       }

@@ -65,25 +65,42 @@ TEST(TileTreeTest, HintsStayWithAFrozenTree) {
   TileTreeEditor editor;
   editor.Edit({2, 3}, 1);
   const TileTree frozen = editor.Freeze();
-  const TileTree::Hint* hint = nullptr;
-  EXPECT_EQ(frozen.Find({2, 2}, hint), nullptr);
-  EXPECT_EQ(frozen.Find({1000, 3}, hint), nullptr);
-  EXPECT_EQ(hint, nullptr);
-  const StoredTile* const tile = frozen.Find({2, 3}, hint);
-  EXPECT_EQ(tile, frozen.Find({2, 3}));
-  ASSERT_NE(hint, nullptr);
-  EXPECT_EQ(hint->address(), 0u);
-  hint->Set(tile);
-  const TileTree::Hint* again = nullptr;
-  TileTree(frozen).Find({2, 3}, again);
-  EXPECT_EQ(again, hint);
-  EXPECT_EQ(again->address(), reinterpret_cast<uintptr_t>(tile));
+  EXPECT_EQ(frozen.FindSlot({2, 2}).value, nullptr);
+  EXPECT_EQ(frozen.FindSlot({1000, 3}).value, nullptr);
+  const TileTree::Slot& slot = frozen.FindSlot({2, 3});
+  EXPECT_EQ(slot.value.get(), frozen.Find({2, 3}));
+  EXPECT_EQ(slot.hint.Get(0), nullptr);
+  const Tile content;
+  slot.hint.Set(&content, 5);
+  EXPECT_EQ(TileTree(frozen).FindSlot({2, 3}).hint.Get(5), &content);
   // What is written is another tile, elsewhere.
   editor.Edit({2, 3}, 2);
-  const TileTree next = editor.Freeze();
-  EXPECT_NE(next.Find({2, 3}, again), tile);
-  EXPECT_EQ(again->address(), 0u);
-  EXPECT_EQ(hint->address(), reinterpret_cast<uintptr_t>(tile));
+  EXPECT_EQ(editor.tree().FindSlot({2, 3}).hint.Get(5), nullptr);
+  EXPECT_EQ(slot.hint.Get(5), &content);
+  // And so it is in a tree that nobody has frozen.
+  editor.tree().FindSlot({2, 3}).hint.Set(&content, 5);
+  editor.Edit({2, 3}, 3);
+  EXPECT_EQ(editor.tree().FindSlot({2, 3}).hint.Get(5), nullptr);
+  editor.tree().FindSlot({2, 3}).hint.Set(&content, 5);
+  editor.Put({2, 3}, std::make_shared<const StoredTile>(), 4);
+  EXPECT_EQ(editor.tree().FindSlot({2, 3}).hint.Get(5), nullptr);
+}
+
+TEST(TileTreeTest, AHintIsGoodForItsStampAlone) {
+  const TileTree::Hint hint;
+  const Tile content;
+  constexpr uint64_t kTooLarge = uint64_t{1} << 22;
+  for (const uint64_t stamp : {uint64_t{0}, uint64_t{7}, kTooLarge - 1}) {
+    hint.Set(&content, stamp);
+    EXPECT_EQ(hint.Get(stamp), &content);
+    EXPECT_EQ(hint.Get(stamp + 1), nullptr);
+    EXPECT_EQ(hint.Get(stamp + kTooLarge), nullptr);
+  }
+  hint.Set(&content, 3);
+  const Tile other;
+  hint.Set(&other, kTooLarge + 3);
+  EXPECT_EQ(hint.Get(3), &content);
+  EXPECT_EQ(hint.Get(kTooLarge + 3), nullptr);
 }
 
 TEST(TileTreeTest, HoldsKeysOfEverySignAndSize) {
@@ -105,10 +122,10 @@ TEST(TileTreeTest, HoldsKeysOfEverySignAndSize) {
   }
   std::vector<TileKey> with_absent = keys;
   with_absent.insert(with_absent.begin() + 3, {7, 7});
-  std::vector<const StoredTile*> found(with_absent.size());
-  editor.tree().FindMany(with_absent, absl::MakeSpan(found));
+  std::vector<const TileTree::Slot*> found(with_absent.size());
+  editor.tree().FindSlots(with_absent, absl::MakeSpan(found));
   for (size_t k = 0; k < found.size(); ++k) {
-    EXPECT_EQ(found[k], editor.tree().Find(with_absent[k])) << k;
+    EXPECT_EQ(found[k]->value.get(), editor.tree().Find(with_absent[k])) << k;
   }
   EXPECT_EQ(ContentOf(editor.tree()).size(), keys.size());
   EXPECT_EQ(editor.tree().Find({kFar - 1, kFar}), nullptr);

@@ -33,29 +33,44 @@ class KeyTree {
 
   // Null where it is absent. Valid as long as this tree.
   const Value* Find(TileKey key) const;
-  // What readers leave beside a value for the next of them: an address to fetch while the value
-  // itself is still on its way. May be out of date, and so is good for nothing else. 0: none.
+  // What readers leave beside a value for the next of them: where its content is. Of a copy: empty.
   class Hint {
    public:
     Hint() = default;
     Hint(const Hint& /*other*/) {}
     Hint& operator=(const Hint& /*other*/) = delete;
 
-    uintptr_t address() const { return address_.load(std::memory_order_relaxed); }
-    void Set(const void* next) const {
-      const auto next_address = reinterpret_cast<uintptr_t>(next);
-      if (address() != next_address) address_.store(next_address, std::memory_order_relaxed);
+    // What was set last, where that had this stamp; else null.
+    const void* Get(uint64_t stamp) const {
+      const uint64_t word = word_.load(std::memory_order_acquire);
+      if ((word & (kMaxStamps - 1)) != stamp) return nullptr;
+      return reinterpret_cast<const void*>(static_cast<uintptr_t>(word / kMaxStamps * kAlignment));
     }
+    // Requires an address that 64 divides. Leaves it where there is no room for such an address or
+    // stamp.
+    void Set(const void* content, uint64_t stamp) const {
+      const uint64_t address = reinterpret_cast<uintptr_t>(content);
+      if (address >> 48 != 0 || stamp >= kMaxStamps) return;
+      word_.store(address / kAlignment * kMaxStamps + stamp, std::memory_order_release);
+    }
+    void Clear() { word_.store(0, std::memory_order_relaxed); }
 
    private:
-    mutable std::atomic<uintptr_t> address_{0};
+    static constexpr uint64_t kAlignment = 64;
+    static constexpr uint64_t kMaxStamps = uint64_t{1} << 22;
+    mutable std::atomic<uint64_t> word_{0};  // both, so that no reader sees one without the other
   };
-  // The same, with the hint beside it. Leaves `hint` where the value is absent.
-  const Value* Find(TileKey key, const Hint*& hint) const;
+  // What a query needs of a value stands close together.
+  struct alignas(32) Slot {
+    std::shared_ptr<const Value> value;  // null where it is absent
+    Hint hint;
+    uint64_t revision = 0;
+  };
+  const Slot& FindSlot(TileKey key) const;
   // The same for many keys, faster where the tree is larger than the caches. Requires as many
-  // values as keys.
-  void FindMany(absl::Span<const TileKey> keys, absl::Span<const Value*> values) const;
-  // The same, for those who keep it longer.
+  // slots as keys.
+  void FindSlots(absl::Span<const TileKey> keys, absl::Span<const Slot*> slots) const;
+  // The value, for those who keep it longer.
   std::shared_ptr<const Value> Share(TileKey key) const;
   // 0 where it is absent.
   uint64_t RevisionOf(TileKey key) const;
@@ -91,6 +106,7 @@ class KeyTree {
 
   bool Covers(TileKey key) const;
   const Leaf* FindLeaf(TileKey key) const;
+  static const Slot& AbsentSlot();
   static void Visit(const Node& node, int level, uint32_t x, uint32_t y, uint64_t since,
                     Visitor visit);
   struct Part;

@@ -38,6 +38,9 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
     const Tile* const content = ContentInMemory();
     return content != nullptr ? *content : *Get();
   }
+  // How many contents have left memory in this process. What Read() gave is there for a section
+  // that began before it read the same number, too.
+  static uint64_t NumEvictions() { return num_evictions_.load(std::memory_order_acquire); }
   // Null where it cannot be read. For those who write what they make of it.
   std::shared_ptr<const Tile> TryGet() const;
   const Tile* TryRead(const ReadSection&) const {
@@ -89,6 +92,8 @@ class StoredTile : public std::enable_shared_from_this<StoredTile> {
   bool IsCounted() const;
   enum class Eviction { kDone, kWasUsed, kNothingToDo };
   Eviction Evict() const;
+
+  static inline std::atomic<uint64_t> num_evictions_{0};
 
   mutable std::shared_ptr<const Tile> tile_;  // null where it is at the source
   mutable std::shared_ptr<TileSource> source_;
