@@ -27,7 +27,8 @@ class TileReading {
   explicit TileReading(const TileTree& tiles) : tiles_(tiles) {}
 
   const Tile& At(TileKey key) const { return At(tiles_.FindSlot(key)); }
-  // Does not touch the entry of a tile that somebody has read since one left memory.
+  // Does not touch the entry of a tile that somebody has read since one left memory. So it is not
+  // marked as used either, until the next one leaves.
   const Tile& At(const TileTree::Slot& slot) const {
     if (const void* const content = slot.hint.Get(num_evictions_)) {
       return *static_cast<const Tile*>(content);
