@@ -99,6 +99,16 @@ template <typename Vector>
 }
 #ifdef __AVX2__
 template <>
+[[gnu::always_inline]] inline Integers8 Lesser(Integers8 a, Integers8 b) {
+  return reinterpret_cast<Integers8>(
+      _mm256_min_epi32(reinterpret_cast<__m256i>(a), reinterpret_cast<__m256i>(b)));
+}
+template <>
+[[gnu::always_inline]] inline Integers8 Greater(Integers8 a, Integers8 b) {
+  return reinterpret_cast<Integers8>(
+      _mm256_max_epi32(reinterpret_cast<__m256i>(a), reinterpret_cast<__m256i>(b)));
+}
+template <>
 [[gnu::always_inline]] inline Floats8 Lesser(Floats8 a, Floats8 b) {
   return reinterpret_cast<Floats8>(
       _mm256_min_ps(reinterpret_cast<__m256>(a), reinterpret_cast<__m256>(b)));
