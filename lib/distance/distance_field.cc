@@ -22,6 +22,7 @@ constexpr int kUnits = Site::kUnits;
 constexpr int kTileUnits = Tile::kSide * kUnits;
 constexpr int kBlockUnits = VertexBlock::kSide * kUnits;
 constexpr int kSquaresOfBlock = VertexBlock::kSide * ObstacleSquares::kPerKnot;
+static_assert(kSquaresOfBlock == 32);  // a word of ObstacleSquares
 constexpr double kMaxDoubt = 0.625 * kUnits;
 
 using Row = ObstacleSquares::Row;
@@ -38,11 +39,6 @@ int32_t Gap(int32_t a0, int32_t a1, int32_t b0, int32_t b1) {
 }
 
 int32_t Square(int32_t x) { return x * x; }
-
-// What at least is between the vertices of a block and the squares of one that is so many farther.
-int32_t GapOfBlocks(int blocks) {
-  return blocks == 0 ? 0 : kBlockUnits * (std::abs(blocks) - 1) + 1;
-}
 
 Site SiteAt(int x, int y) { return {static_cast<int16_t>(x), static_cast<int16_t>(y)}; }
 
@@ -65,8 +61,6 @@ void PutOffsets(const BlockOffsets& of_block, Offset* offsets) {
     std::copy_n(&of_block[VertexBlock::kSide * y], VertexBlock::kSide, offsets + Tile::kSide * y);
   }
 }
-
-uint32_t PartOf(Row row, int bx) { return static_cast<uint32_t>(row >> (kSquaresOfBlock * bx)); }
 
 }  // namespace
 
@@ -136,17 +130,13 @@ DistanceField DistanceFieldEditor::Update(std::shared_ptr<const MapView> map) {
                        map->options.knot_interval_m == map_->options.knot_interval_m;
   if (!goes_on) BeginAnew(*map);
   bounds_.Use(map);
-  absl::flat_hash_map<TileKey, BlockMask> marked;
-  const std::vector<Change> changes = UpdateObstacles(*map, marked);
-  UpdateRims(changes);
-  // What came first: a vertex for which it is nearer than what went does not have to look around.
-  for (const bool came : {true, false}) {
-    for (const Change& change : changes) {
-      if (change.came == came) UpdateNear(change, marked);
-    }
-    for (const auto& [key, blocks] : marked) FillTile(key, blocks);
-    marked.clear();
-  }
+  changes_.clear();
+  changed_.clear();
+  tiles_near_.clear();
+  UpdateObstacles(*map);
+  UpdateRims();
+  FindTilesNear();
+  for (const auto& [key, changes_near] : tiles_near_) UpdateTile(key, changes_near);
   map_ = std::move(map);
 
   DistanceField field;
@@ -182,24 +172,17 @@ const ObstacleSquares& DistanceFieldEditor::SquaresAt(TileKey key) const {
   return options_.unknown == UnknownPolicy::kBlocked ? all : none;
 }
 
-std::vector<DistanceFieldEditor::Change> DistanceFieldEditor::UpdateObstacles(
-    const MapView& map, absl::flat_hash_map<TileKey, BlockMask>& marked) {
-  absl::flat_hash_map<TileKey, CellMask> changed_points;
-  std::set<TileKey> touched;
+void DistanceFieldEditor::UpdateObstacles(const MapView& map) {
+  absl::flat_hash_map<TileKey, CellMask> changed_points;  // of tiles that changed, and around them
   map.tiles.ForEachChanged(map_->tiles.version(), [&](TileKey key, const TileTree::Entry& entry) {
     static const Tile kUntouched;
     const std::shared_ptr<const Tile> before = FindTile(map_->tiles, key);
     changed_points[key] =
         ChangedPoints(before == nullptr ? kUntouched : *before, *entry.tile->Get());
-    ForEachAround(key, [&](TileKey beside) { touched.insert(beside); });
+    ForEachAround(key, [&](TileKey beside) { changed_points.try_emplace(beside); });
   });
-  std::vector<Change> changes;
-  changed_.clear();
   const ObstacleRasterizer finder(options_.occupied_log_odds * kUnitsPerLogOdds, options_.unknown);
-  for (const TileKey key : touched) {
-    if (options_.unknown == UnknownPolicy::kBlocked && tiles_.tree().Find(key) == nullptr) {
-      marked[key] = ~BlockMask{0};
-    }
+  for (const auto& [key, points] : changed_points) {
     const CellMask cells = ChangedCells(key, [&](TileKey at) -> const CellMask& {
       static const CellMask kNone{};
       const auto found = changed_points.find(at);
@@ -211,7 +194,7 @@ std::vector<DistanceFieldEditor::Change> DistanceFieldEditor::UpdateObstacles(
     ObstacleSquares squares = before;
     finder.Update({map.tiles, key}, cells, squares);
     if (is_known && squares == before) continue;
-    AddChanges(key, before, squares, changes);
+    AddChanges(key, before, squares);
     if (options_.unknown == UnknownPolicy::kFree && squares.IsEmpty()) {
       obstacles_.erase(key);
       continue;
@@ -220,26 +203,31 @@ std::vector<DistanceFieldEditor::Change> DistanceFieldEditor::UpdateObstacles(
     if (obstacles == nullptr) obstacles = std::make_unique<Obstacles>();
     obstacles->squares = squares;
     obstacles_box_.Add(key);
+    if (!is_known) tiles_near_[key] = ChangesNear::kNoMore;
   }
-  return changes;
 }
 
 void DistanceFieldEditor::AddChanges(TileKey key, const ObstacleSquares& before,
-                                     const ObstacleSquares& after, std::vector<Change>& changes) {
+                                     const ObstacleSquares& after) {
   std::array<Row, kBlocks> differ{};  // by row of blocks
   for (int y = 0; y < ObstacleSquares::kSide; ++y) {
-    differ[y / kSquaresOfBlock] |= before.rows[y] ^ after.rows[y];
+    for (int bx = 0; bx < kBlocks; ++bx) {
+      differ[y / kSquaresOfBlock][bx] |= before.rows[y][bx] ^ after.rows[y][bx];
+    }
   }
   for (int n = 0; n < 2 * kBlocks * kBlocks; ++n) {
     const int block = n / 2;
-    if (PartOf(differ[block / kBlocks], block % kBlocks) == 0) continue;
-    Change change{.tile = key, .came = n % 2 == 1, .begin = static_cast<int>(changed_.size())};
+    if (differ[block / kBlocks][block % kBlocks] == 0) continue;
+    Change change{.tile = key,
+                  .block = block,
+                  .came = n % 2 == 1,
+                  .begin = static_cast<int>(changed_.size())};
     const ObstacleSquares& with = change.came ? after : before;
     const ObstacleSquares& without = change.came ? before : after;
-    for (int k = 0; k < kSquaresOfBlock; ++k) {
-      const int y = kSquaresOfBlock * (block / kBlocks) + k;
-      const int x0 = kSquaresOfBlock * (block % kBlocks);
-      ForEachBit(PartOf(with.rows[y] & ~without.rows[y], block % kBlocks),
+    const int x0 = kSquaresOfBlock * (block % kBlocks);
+    const int y0 = kSquaresOfBlock * (block / kBlocks);
+    for (int y = y0; y < y0 + kSquaresOfBlock; ++y) {
+      ForEachBit(with.rows[y][block % kBlocks] & ~without.rows[y][block % kBlocks],
                  [&](int x) { changed_.push_back(CentreOf(x0 + x, y)); });
     }
     change.end = static_cast<int>(changed_.size());
@@ -250,7 +238,7 @@ void DistanceFieldEditor::AddChanges(TileKey key, const ObstacleSquares& before,
       change.high = {std::max(change.high.x, changed_[k].x),
                      std::max(change.high.y, changed_[k].y)};
     }
-    changes.push_back(change);
+    changes_.push_back(change);
   }
 }
 
@@ -263,166 +251,232 @@ class DistanceFieldEditor::TileNeighborhood {
     }
   }
 
-  // Row y in [-1, 128].
-  Row At(int y) const { return RowOf(1, y); }
-  // By square, the one on its left, or right.
-  Row LeftOf(int y) const { return RowOf(1, y) << 1 | RowOf(0, y) >> (kSide - 1); }
-  Row RightOf(int y) const { return RowOf(1, y) >> 1 | RowOf(2, y) << (kSide - 1); }
-
-  // The squares of a block of row bx, and before these the one on its left.
-  uint64_t FromLeftOf(int y, int bx) const {
-    return uint64_t{PartOf(At(y), bx)} << 1 | (PartOf(LeftOf(y), bx) & 1);
+  // Calls f(y, squares) for rows y in [y0, y1), between -1 and 129: with the squares of the block
+  // in column bx, before these the one on its left, and after them the one on its right.
+  template <typename Function>
+  void ForEachRow(int bx, int y0, int y1, Function f) const {
+    for (int y = y0; y < y1;) {
+      const int ty = y < 0 ? 0 : y < ObstacleSquares::kSide ? 1 : 2;
+      const Row* left = RowsOf(bx - 1, ty);
+      const Row* middle = RowsOf(bx, ty);
+      const Row* right = RowsOf(bx + 1, ty);
+      for (const int end = std::min(y1, ObstacleSquares::kSide * ty); y < end; ++y) {
+        const int k = y & (ObstacleSquares::kSide - 1);
+        f(y, uint64_t{left[k][(bx - 1) & (kBlocks - 1)]} >> (kSquaresOfBlock - 1) |
+                 uint64_t{middle[k][bx]} << 1 |
+                 uint64_t{right[k][(bx + 1) & (kBlocks - 1)]} << (kSquaresOfBlock + 1));
+      }
+    }
   }
 
-  // Those that do not lie between four others.
-  Row Rim(int y) const { return At(y) & ~(LeftOf(y) & RightOf(y) & At(y - 1) & At(y + 1)); }
-
  private:
-  static constexpr int kSide = ObstacleSquares::kSide;
-
-  Row RowOf(int tx, int y) const {
-    const int ty = y < 0 ? 0 : y < kSide ? 1 : 2;
-    return tiles_[3 * ty + tx]->rows[y & (kSide - 1)];
+  const Row* RowsOf(int bx, int ty) const {
+    const int tx = bx < 0 ? 0 : bx < kBlocks ? 1 : 2;
+    return tiles_[3 * ty + tx]->rows.data();
   }
 
   std::array<const ObstacleSquares*, 9> tiles_;
 };
 
-void DistanceFieldEditor::UpdateRims(absl::Span<const Change> changes) {
-  absl::flat_hash_set<TileKey> beside;
-  for (const Change& change : changes) {
-    const auto [tx, ty] = change.tile;
-    beside.insert({tx, ty});
-    if (change.low.x == 1) beside.insert({tx - 1, ty});
-    if (change.low.y == 1) beside.insert({tx, ty - 1});
-    if (change.high.x == kTileUnits - 1) beside.insert({tx + 1, ty});
-    if (change.high.y == kTileUnits - 1) beside.insert({tx, ty + 1});
+// Of blocks with a square that changed or is beside one.
+void DistanceFieldEditor::UpdateRims() {
+  absl::flat_hash_map<TileKey, BlockMask> changed;
+  const auto add = [&](TileKey key, int bx, int by) {
+    changed[{key.tx + (bx >> 2), key.ty + (by >> 2)}] |=
+        BlockMask{1} << (kBlocks * (by & (kBlocks - 1)) + (bx & (kBlocks - 1)));
+  };
+  for (const Change& change : changes_) {
+    const int bx = change.block % kBlocks;
+    const int by = change.block / kBlocks;
+    add(change.tile, bx, by);
+    if (change.low.x == kBlockUnits * bx + 1) add(change.tile, bx - 1, by);
+    if (change.low.y == kBlockUnits * by + 1) add(change.tile, bx, by - 1);
+    if (change.high.x == kBlockUnits * (bx + 1) - 1) add(change.tile, bx + 1, by);
+    if (change.high.y == kBlockUnits * (by + 1) - 1) add(change.tile, bx, by + 1);
   }
-  for (const TileKey key : beside) {
+  for (const auto& [key, blocks] : changed) {
     const auto found = obstacles_.find(key);
     if (found == obstacles_.end()) continue;
     Obstacles& obstacles = *found->second;
-    obstacles.boundary.clear();
     const TileNeighborhood surroundings(*this, key);
-    std::array<Row, ObstacleSquares::kSide> rows;
-    std::array<Row, kBlocks> any{};  // by row of blocks
-    for (int y = 0; y < ObstacleSquares::kSide; ++y) {
-      rows[y] = surroundings.At(y) == 0 ? 0 : surroundings.Rim(y);
-      any[y / kSquaresOfBlock] |= rows[y];
-    }
+    sites_.clear();
+    BlockMask with_boundary = 0;
+    int begin = 0;
     for (int block = 0; block < kBlocks * kBlocks; ++block) {
-      const int x0 = kSquaresOfBlock * (block % kBlocks);
-      const int y0 = kSquaresOfBlock * (block / kBlocks);
-      const int y1 = PartOf(any[block / kBlocks], block % kBlocks) == 0 ? y0 : y0 + kSquaresOfBlock;
-      for (int y = y0; y < y1; ++y) {
-        ForEachBit(PartOf(rows[y], block % kBlocks),
-                   [&](int x) { obstacles.boundary.push_back(CentreOf(x0 + x, y)); });
+      const int end = obstacles.ends[block + 1];
+      const size_t before = sites_.size();
+      if ((blocks >> block & 1) == 0) {
+        sites_.insert(sites_.end(), obstacles.boundary.begin() + begin,
+                      obstacles.boundary.begin() + end);
+      } else {
+        const int x0 = kSquaresOfBlock * (block % kBlocks);
+        const int y0 = kSquaresOfBlock * (block / kBlocks);
+        uint64_t below = 0;
+        uint64_t row = 0;
+        surroundings.ForEachRow(
+            block % kBlocks, y0 - 1, y0 + kSquaresOfBlock + 1, [&](int y, uint64_t above) {
+              // Those that do not lie between four others.
+              const uint64_t rim = row & ~(row << 1 & row >> 1 & below & above);
+              if (y > y0) {
+                ForEachBit(static_cast<uint32_t>(rim >> 1),
+                           [&](int x) { sites_.push_back(CentreOf(x0 + x, y - 1)); });
+              }
+              below = row;
+              row = above;
+            });
       }
-      obstacles.ends[block + 1] = static_cast<int>(obstacles.boundary.size());
+      begin = end;
+      obstacles.ends[block + 1] = static_cast<int>(sites_.size());
+      with_boundary |= static_cast<BlockMask>((sites_.size() != before) << block);
+    }
+    obstacles.boundary.assign(sites_.begin(), sites_.end());
+    obstacles.with_boundary = with_boundary;
+  }
+}
+
+// Those with a vertex that may be near something that changed.
+void DistanceFieldEditor::FindTilesNear() {
+  changes_near_.clear();
+  const int num_changes = static_cast<int>(changes_.size());
+  for (int begin = 0, end = 0; begin < num_changes; begin = end) {
+    const TileKey changed = changes_[begin].tile;
+    Site low = changes_[begin].low;
+    Site high = changes_[begin].high;
+    for (end = begin; end < num_changes && changes_[end].tile == changed; ++end) {
+      low = {std::min(low.x, changes_[end].low.x), std::min(low.y, changes_[end].low.y)};
+      high = {std::max(high.x, changes_[end].high.x), std::max(high.y, changes_[end].high.y)};
+    }
+    for (int dy = -reach_tiles_; dy <= reach_tiles_; ++dy) {
+      for (int dx = -reach_tiles_; dx <= reach_tiles_; ++dx) {
+        const TileKey key{changed.tx + dx, changed.ty + dy};
+        const int32_t x = Gap(kTileUnits * dx, kTileUnits * (dx + 1), low.x, high.x);
+        const int32_t y = Gap(kTileUnits * dy, kTileUnits * (dy + 1), low.y, high.y);
+        if (Square(x) + Square(y) > Square(reach_) || !IsInRange(key)) continue;
+        int& first = tiles_near_.try_emplace(key, ChangesNear::kNoMore).first->second;
+        changes_near_.push_back({begin, end, first});
+        first = static_cast<int>(changes_near_.size()) - 1;
+      }
     }
   }
 }
 
-// Takes squares that came where they are the nearest, and those that went away. Marks the blocks
-// whose vertices then have to look around: those with a vertex that had one that went, and those of
-// new tiles.
-void DistanceFieldEditor::UpdateNear(const Change& change,
-                                     absl::flat_hash_map<TileKey, BlockMask>& marked) {
-  const auto sites = absl::MakeConstSpan(changed_).subspan(change.begin, change.end - change.begin);
-  for (int dy = -reach_tiles_; dy <= reach_tiles_; ++dy) {
-    for (int dx = -reach_tiles_; dx <= reach_tiles_; ++dx) {
-      const TileKey key{change.tile.tx + dx, change.tile.ty + dy};
-      const int32_t x = Gap(kTileUnits * dx, kTileUnits * (dx + 1), change.low.x, change.high.x);
-      const int32_t y = Gap(kTileUnits * dy, kTileUnits * (dy + 1), change.low.y, change.high.y);
-      if (Square(x) + Square(y) > Square(reach_) || !IsInRange(key)) continue;
-      if (options_.unknown == UnknownPolicy::kBlocked && !obstacles_.contains(key)) continue;
-      const DistanceTile* found = tiles_.tree().Find(key);
-      if (found == nullptr && !change.came) continue;
-      const DistanceTile* tile = found == nullptr ? nothing_near_.get() : found;
-      BlockMask near = BlocksNear(change, key, *tile);
-      if (near == 0) continue;
-      BlockMask& blocks = marked[key];
-      if (found == nullptr) near &= ~blocks;
-      for (; near != 0; near &= near - 1) {
+// Takes squares that came where they are the nearest, and those that went away; finds what is
+// nearest to those vertices that had one that went.
+void DistanceFieldEditor::UpdateTile(TileKey key, int changes_near) {
+  const DistanceTile* tile = tiles_.tree().Find(key);
+  if (tile == nullptr) return MakeTile(key, changes_near);
+  BlockMask any = FindSitesNear(key, changes_near, *tile);
+  DistanceTile* edited = nullptr;
+  BlockMask lost = 0;
+  for (; any != 0; any &= any - 1) {
+    const int block = std::countr_zero(any);
+    const VertexBlock vertices = BlockOf(block);
+    const int index = IndexInTile(vertices.x0, vertices.y0);
+    NearestSites nearest(NearestSites::Of::kAllVertices, &tile->nearest[index], Square(reach_));
+    // What came first: a vertex for which it is nearer than what went does not have to look around.
+    const bool is_nearer = !came_near_[block].empty() && nearest.Add(came_near_[block], vertices);
+    const bool is_lost =
+        !went_near_[block].empty() && nearest.TakeAway(went_near_[block], vertices);
+    if (!is_nearer && !is_lost) continue;
+    if (edited == nullptr) tile = edited = &tiles_.Edit(key, 0);
+    PutOffsets(nearest.Offsets(), &edited->nearest[index]);
+    edited->longest[block] = nearest.LongestSquared();
+    if (is_lost) lost |= any & -any;
+  }
+  if (lost == 0) return;
+  FillBlocks(key, lost, *edited);
+  if (*edited == *nothing_near_) tiles_.Put(key, nothing_near_, 0);
+}
+
+// That was absent.
+void DistanceFieldEditor::MakeTile(TileKey key, int changes_near) {
+  BlockMask blocks = 0;
+  if (options_.unknown == UnknownPolicy::kBlocked) {
+    if (!obstacles_.contains(key)) return;
+    blocks = ~blocks;
+  } else {
+    for (int at = changes_near; at != ChangesNear::kNoMore; at = changes_near_[at].next) {
+      for (int k = changes_near_[at].begin; k < changes_near_[at].end; ++k) {
+        if (changes_[k].came) blocks |= BlocksNear(changes_[k], key, *nothing_near_);
+      }
+    }
+    if (blocks == 0) return;
+  }
+  DistanceTile tile = *nothing_near_;
+  BlockOffsets all_lost;
+  all_lost.fill(kLost);
+  for (BlockMask rest = blocks; rest != 0; rest &= rest - 1) {
+    const VertexBlock vertices = BlockOf(std::countr_zero(rest));
+    PutOffsets(all_lost, &tile.nearest[IndexInTile(vertices.x0, vertices.y0)]);
+  }
+  FillBlocks(key, blocks, tile);
+  if (tile != *nothing_near_) {
+    tiles_.Edit(key, 0) = tile;
+  } else if (options_.unknown == UnknownPolicy::kBlocked) {
+    tiles_.Put(key, nothing_near_, 0);
+  }
+}
+
+// By block of a tile, the changed sites that may be nearest to one of its vertices. Says which
+// blocks have any.
+DistanceFieldEditor::BlockMask DistanceFieldEditor::FindSitesNear(TileKey key, int changes_near,
+                                                                  const DistanceTile& tile) {
+  BlockMask any = 0;
+  for (int at = changes_near; at != ChangesNear::kNoMore; at = changes_near_[at].next) {
+    for (int k = changes_near_[at].begin; k < changes_near_[at].end; ++k) {
+      const Change& change = changes_[k];
+      const auto sites =
+          absl::MakeConstSpan(changed_).subspan(change.begin, change.end - change.begin);
+      const int dx = change.tile.tx - key.tx;
+      const int dy = change.tile.ty - key.ty;
+      for (BlockMask near = BlocksNear(change, key, tile); near != 0; near &= near - 1) {
         const int block = std::countr_zero(near);
+        const BlockMask bit = near & -near;
         const VertexBlock vertices = BlockOf(block);
-        const VertexBlock from_change{Tile::kSide * dx + vertices.x0,
-                                      Tile::kSide * dy + vertices.y0};
-        const int index = IndexInTile(vertices.x0, vertices.y0);
-        // Most squares are hidden from all of the block by what is near one of its vertices.
-        const int middle = VertexBlock::kSize / 2 + VertexBlock::kSide / 2;
+        const VertexBlock from_change{vertices.x0 - Tile::kSide * dx,
+                                      vertices.y0 - Tile::kSide * dy};
+        // Most sites are hidden from all of the block by what is near one of its vertices.
         absl::Span<const Site> seen = sites;
-        const Offset offset = tile->nearest[index + IndexInTile(4, 4)];
-        if (offset.x != Offset::kNone && offset != kLost) {
-          const Site vertex = VertexAt(from_change, middle);
+        const Offset& offset =
+            tile.nearest[IndexInTile(vertices.x0, vertices.y0) + IndexInTile(4, 4)];
+        if (offset.x != Offset::kNone) {
+          const Site vertex =
+              VertexAt(from_change, VertexBlock::kSize / 2 + VertexBlock::kSide / 2);
           seen = some_sites_.NotHidden(
               sites, {VertexAt(from_change, 0), VertexAt(from_change, VertexBlock::kSize - 1)},
               SiteAt(vertex.x + offset.x, vertex.y + offset.y));
           if (seen.empty()) continue;
         }
-        BlockOffsets offsets;
-        int32_t longest = tile->longest[block];
-        if (change.came) {
-          NearestSites nearest(NearestSites::Of::kAllVertices, &tile->nearest[index],
-                               Square(reach_));
-          if (!nearest.Add(seen, from_change)) continue;
-          offsets = nearest.Offsets();
-          longest = nearest.LongestSquared();
-        } else if (!TakeAway(seen, from_change, &tile->nearest[index], offsets)) {
-          continue;
+        if ((any & bit) == 0) {
+          any |= bit;
+          came_near_[block].clear();
+          went_near_[block].clear();
         }
-        if (found == nullptr || !change.came) blocks |= near & -near;
-        if (found == nullptr) continue;
-        DistanceTile& edited = tiles_.Edit(key, 0);
-        PutOffsets(offsets, &edited.nearest[index]);
-        edited.longest[block] = longest;
-        tile = &edited;
+        std::vector<Site>& sites_near = change.came ? came_near_[block] : went_near_[block];
+        for (const Site& site : seen) {
+          sites_near.push_back(SiteAt(site.x + kTileUnits * dx, site.y + kTileUnits * dy));
+        }
       }
     }
   }
+  return any;
 }
 
 // Those with a vertex that may be no farther from a square of the change than from what it has.
 DistanceFieldEditor::BlockMask DistanceFieldEditor::BlocksNear(const Change& change, TileKey key,
                                                                const DistanceTile& tile) {
-  constexpr int32_t kWidth = kBlockUnits - kUnits;
-  std::array<int32_t, kBlocks> squares_x;
-  std::array<int32_t, kBlocks> squares_y;
-  for (int k = 0; k < kBlocks; ++k) {
-    const int32_t x0 = kTileUnits * (key.tx - change.tile.tx) + kBlockUnits * k;
-    const int32_t y0 = kTileUnits * (key.ty - change.tile.ty) + kBlockUnits * k;
-    squares_x[k] = Square(Gap(x0, x0 + kWidth, change.low.x, change.high.x));
-    squares_y[k] = Square(Gap(y0, y0 + kWidth, change.low.y, change.high.y));
-  }
-  BlockMask blocks = 0;
-  for (int block = 0; block < kBlocks * kBlocks; ++block) {
-    const bool is_near =
-        squares_x[block % kBlocks] + squares_y[block / kBlocks] <= tile.longest[block];
-    blocks |= static_cast<BlockMask>(is_near << block);
-  }
-  return blocks;
+  const int x = kTileUnits * (change.tile.tx - key.tx);
+  const int y = kTileUnits * (change.tile.ty - key.ty);
+  return static_cast<BlockMask>(FastestDistanceKernel().blocks_near(
+      {SiteAt(change.low.x + x, change.low.y + y), SiteAt(change.high.x + x, change.high.y + y)}, 0,
+      kBlockUnits - kUnits, tile.longest.data()));
 }
 
-void DistanceFieldEditor::FillTile(TileKey key, BlockMask blocks) {
-  if (blocks == 0) return;
-  const DistanceTile* before = tiles_.tree().Find(key);
-  DistanceTile tile = before == nullptr ? *nothing_near_ : *before;
+void DistanceFieldEditor::FillBlocks(TileKey key, BlockMask blocks, DistanceTile& tile) {
   FindObstaclesAround(key);
   const TileNeighborhood surroundings(*this, key);
-  for (int block = 0; block < kBlocks * kBlocks; ++block) {
-    if ((blocks >> block & 1) == 0) continue;
-    const VertexBlock vertices = BlockOf(block);
-    if (before == nullptr) {
-      BlockOffsets all_lost;
-      all_lost.fill(kLost);
-      PutOffsets(all_lost, &tile.nearest[IndexInTile(vertices.x0, vertices.y0)]);
-    }
-    FillBlock(vertices, surroundings, tile);
-  }
-  if (tile != *nothing_near_) {
-    tiles_.Edit(key, 0) = tile;
-  } else if (before != nullptr || options_.unknown == UnknownPolicy::kBlocked) {
-    tiles_.Put(key, nothing_near_, 0);
+  for (; blocks != 0; blocks &= blocks - 1) {
+    FillBlock(BlockOf(std::countr_zero(blocks)), surroundings, tile);
   }
 }
 
@@ -431,35 +485,37 @@ void DistanceFieldEditor::FillBlock(const VertexBlock& block, const TileNeighbor
                                     DistanceTile& tile) {
   Offset* offsets = &tile.nearest[IndexInTile(block.x0, block.y0)];
   const int bx = block.x0 / VertexBlock::kSide;
-  uint64_t lost = 0;
-  for (int y = 0; y < VertexBlock::kSide; ++y) {
-    // The squares that have a vertex as their corner: no other is nearer, and not all of them have
-    // to be at the boundary.
-    const int above = ObstacleSquares::kPerKnot * (block.y0 + y);
-    const uint64_t low_squares = surroundings.FromLeftOf(above - 1, bx);
-    const uint64_t high_squares = surroundings.FromLeftOf(above, bx);
-    for (int x = 0; x < VertexBlock::kSide; ++x) {
-      Offset& offset = offsets[Tile::kSide * y + x];
-      if (offset != kLost) continue;
-      const int at = ObstacleSquares::kPerKnot * x;
-      const uint64_t corners = (low_squares >> at & 3) | (high_squares >> at & 3) << 2;
-      if (corners == 0) {
-        lost |= uint64_t{1} << (VertexBlock::kSide * y + x);
-        continue;
-      }
-      const int first = std::countr_zero(corners);
-      offset = {static_cast<int16_t>(first % 2 == 0 ? -1 : 1),
-                static_cast<int16_t>(first < 2 ? -1 : 1)};
-    }
-  }
-  if (lost != 0) {
-    NearestSites nearest(NearestSites::Of::kLostOnes, offsets, Square(reach_));
-    AddSitesOfNeighbors(block, lost, tile, nearest);
-    AddSitesAround(block, lost, nearest);
-    PutOffsets(nearest.Offsets(), offsets);
-  }
+  NearestSites nearest(NearestSites::Of::kLostOnes, offsets, Square(reach_));
+  const uint64_t lost = nearest.LostOnes();
+  sites_.clear();
+  AddSitesAtCorners(block, lost, surroundings);
+  AddSitesOfNeighbors(block, lost, tile);
+  nearest.Add(sites_, block);
+  AddSitesAround(block, lost, nearest);
+  PutOffsets(nearest.Offsets(), offsets);
   tile.longest[kBlocks * (block.y0 / VertexBlock::kSide) + bx] =
       NearestSites(NearestSites::Of::kAllVertices, offsets, Square(reach_)).LongestSquared();
+}
+
+// The squares that have a vertex as their corner: not all of them have to be at the boundary.
+void DistanceFieldEditor::AddSitesAtCorners(const VertexBlock& block, uint64_t lost,
+                                            const TileNeighborhood& surroundings) {
+  constexpr uint64_t kFirstOfKnot = 0x11111111;
+  constexpr int kPerKnot = ObstacleSquares::kPerKnot;
+  const int x0 = kPerKnot * block.x0;
+  const int y0 = kPerKnot * block.y0;
+  const auto add = [&](int row, uint64_t squares) {
+    uint64_t with_corner = (squares | squares >> 1) & kFirstOfKnot;
+    if (with_corner == 0 || (row + 1) % kPerKnot > 1) return;
+    const uint64_t lost_of_row = lost >> (VertexBlock::kSide * ((row + 1 - y0) / kPerKnot));
+    for (; with_corner != 0; with_corner &= with_corner - 1) {
+      const int x = std::countr_zero(with_corner);
+      if ((lost_of_row >> x / kPerKnot & 1) == 0) continue;
+      if ((squares >> x & 1) != 0) sites_.push_back(CentreOf(x0 + x - 1, row));
+      if ((squares >> x & 2) != 0) sites_.push_back(CentreOf(x0 + x, row));
+    }
+  };
+  surroundings.ForEachRow(block.x0 / VertexBlock::kSide, y0 - 1, y0 + kSquaresOfBlock - 1, add);
 }
 
 // Those of the tiles within reach.
@@ -479,9 +535,10 @@ void DistanceFieldEditor::FindObstaclesAround(TileKey key) {
              around_.ty1 - key.ty};
 }
 
-// What vertices beside those that lost theirs have is near these, too: it bounds what else may be.
+// What some vertices beside those that lost theirs have is near these, too: it bounds what else may
+// be.
 void DistanceFieldEditor::AddSitesOfNeighbors(const VertexBlock& block, uint64_t lost,
-                                              const DistanceTile& tile, NearestSites& nearest) {
+                                              const DistanceTile& tile) {
   constexpr uint64_t kFirstColumn = 0x0101010101010101;
   constexpr uint64_t kLastColumn = kFirstColumn << (VertexBlock::kSide - 1);
   struct Side {
@@ -493,9 +550,10 @@ void DistanceFieldEditor::AddSitesOfNeighbors(const VertexBlock& block, uint64_t
                         {-1, 0, (lost & ~kLastColumn) << 1},
                         {0, 1, lost >> VertexBlock::kSide},
                         {0, -1, lost << VertexBlock::kSide}};
-  sites_.clear();
   for (const Side& side : sides) {
-    for (uint64_t rest = lost & ~side.lost_there; rest != 0; rest &= rest - 1) {
+    const uint64_t all = lost & ~side.lost_there;
+    // The first and the last of them: more would take longer than what they save.
+    for (uint64_t rest = (all & -all) | std::bit_floor(all); rest != 0; rest &= rest - 1) {
       const int vertex = std::countr_zero(rest);
       const int x = block.x0 + vertex % VertexBlock::kSide + side.dx;
       const int y = block.y0 + vertex / VertexBlock::kSide + side.dy;
@@ -506,10 +564,9 @@ void DistanceFieldEditor::AddSitesOfNeighbors(const VertexBlock& block, uint64_t
       if (sites_.empty() || sites_.back() != site) sites_.push_back(site);
     }
   }
-  nearest.Add(sites_, block);
 }
 
-// All that can be nearest to a vertex that lost what it had: ring by ring of the blocks around it,
+// All that can be nearest to a vertex that lost what it had: ring by ring of the tiles around it,
 // until what is there is farther from all of them than the nearest so far.
 void DistanceFieldEditor::AddSitesAround(const VertexBlock& block, uint64_t lost,
                                          NearestSites& nearest) {
@@ -518,58 +575,63 @@ void DistanceFieldEditor::AddSitesAround(const VertexBlock& block, uint64_t lost
   columns = (columns | columns >> 8) & 0xFF;
   const int first_row = std::countr_zero(lost) / VertexBlock::kSide;
   const int last_row = (63 - std::countl_zero(lost)) / VertexBlock::kSide;
-  const Site low = VertexAt(block, VertexBlock::kSide * first_row + std::countr_zero(columns));
-  const Site high = VertexAt(block, VertexBlock::kSide * last_row + 63 - std::countl_zero(columns));
+  const VertexBox box{
+      VertexAt(block, VertexBlock::kSide * first_row + std::countr_zero(columns)),
+      VertexAt(block, VertexBlock::kSide * last_row + 63 - std::countl_zero(columns))};
   // One of them, in the middle.
   uint64_t upper = lost;
   for (int n = std::popcount(lost) / 2; n > 0; --n) upper &= upper - 1;
   const int middle = std::countr_zero(upper);
-  const int bx = block.x0 / VertexBlock::kSide;
-  const int by = block.y0 / VertexBlock::kSide;
-  // Of the blocks around, from this one.
-  const int left = kBlocks * around_.tx0 - bx;
-  const int right = kBlocks * around_.tx1 - bx - 1;
-  const int bottom = kBlocks * around_.ty0 - by;
-  const int top = kBlocks * around_.ty1 - by - 1;
-  const int first = std::max({left, -right, bottom, -top, 0});
-  const int last = std::max({-left, right, -bottom, top});
+  const int last = std::max({-around_.tx0, around_.tx1 - 1, -around_.ty0, around_.ty1 - 1});
   int32_t end_squared = nearest.LongestSquared();
-  for (int ring = first; ring <= last && Square(GapOfBlocks(ring)) <= end_squared; ++ring) {
-    for (int dy = std::max(-ring, bottom); dy <= std::min(ring, top); ++dy) {
-      const int32_t y0 = kBlockUnits * (by + dy);
-      const int32_t squared_y = Square(Gap(y0 + 1, y0 + kBlockUnits - 1, low.y, high.y));
+  const int to_rim =
+      std::min<int>({box.low.x, box.low.y, kTileUnits - box.high.x, kTileUnits - box.high.y});
+  for (int ring = 0; ring <= last; ++ring) {
+    if (ring > 0 && Square(to_rim + kTileUnits * (ring - 1)) > end_squared) return;
+    for (int ty = std::max(-ring, around_.ty0); ty < std::min(ring + 1, around_.ty1); ++ty) {
+      const int32_t squared_y =
+          Square(Gap(kTileUnits * ty, kTileUnits * (ty + 1), box.low.y, box.high.y));
       if (squared_y > end_squared) continue;
-      const int step = std::abs(dy) == ring ? 1 : 2 * ring;
-      for (int dx = -ring; dx <= ring; dx += step) {
-        if (dx < left || dx > right) continue;
-        const int32_t x0 = kBlockUnits * (bx + dx);
-        const int32_t squared_x = Square(Gap(x0 + 1, x0 + kBlockUnits - 1, low.x, high.x));
-        if (squared_x + squared_y > end_squared) continue;
-        const int tx = (bx + dx) >> 2;
-        const int ty = (by + dy) >> 2;
+      const int step = std::abs(ty) == ring ? 1 : 2 * ring;
+      for (int tx = -ring; tx <= ring; tx += step) {
+        const int32_t squared_x =
+            Square(Gap(kTileUnits * tx, kTileUnits * (tx + 1), box.low.x, box.high.x));
+        if (squared_x + squared_y > end_squared || tx < around_.tx0 || tx >= around_.tx1) continue;
         const Obstacles* obstacles =
             obstacles_around_[(ty - around_.ty0) * (around_.tx1 - around_.tx0) + tx - around_.tx0];
         if (obstacles == nullptr) continue;
-        const int k = kBlocks * ((by + dy) & (kBlocks - 1)) + ((bx + dx) & (kBlocks - 1));
-        const int begin = obstacles->ends[k];
-        const int count = obstacles->ends[k + 1] - begin;
-        if (count == 0) continue;
-        const absl::Span<const Site> sites(&obstacles->boundary[begin], static_cast<size_t>(count));
-        const int x_there = kTileUnits * tx;
-        const int y_there = kTileUnits * ty;
-        Site other = sites[sites.size() / 2];
-        const Offset offset = nearest.OffsetOf(middle);
-        if (offset.x != Offset::kNone) {
-          const Site vertex = VertexAt(block, middle);
-          other = SiteAt(vertex.x + offset.x - x_there, vertex.y + offset.y - y_there);
-        }
-        const VertexBox box{SiteAt(low.x - x_there, low.y - y_there),
-                            SiteAt(high.x - x_there, high.y - y_there)};
-        const VertexBlock from_there{block.x0 - Tile::kSide * tx, block.y0 - Tile::kSide * ty};
-        if (nearest.Add(some_sites_.NotHidden(sites, box, other), from_there)) {
-          end_squared = nearest.LongestSquared();
-        }
+        AddSitesOfTile(block, {tx, ty}, *obstacles, box, middle, nearest, end_squared);
       }
+    }
+  }
+}
+
+// Those at the boundary of the obstacles of a tile, counted from that of the block.
+void DistanceFieldEditor::AddSitesOfTile(const VertexBlock& block, TileKey from,
+                                         const Obstacles& obstacles, const VertexBox& of_lost,
+                                         int middle, NearestSites& nearest, int32_t& end_squared) {
+  const int x = kTileUnits * from.tx;
+  const int y = kTileUnits * from.ty;
+  const VertexBox box{SiteAt(of_lost.low.x - x, of_lost.low.y - y),
+                      SiteAt(of_lost.high.x - x, of_lost.high.y - y)};
+  const VertexBlock from_there{block.x0 - Tile::kSide * from.tx, block.y0 - Tile::kSide * from.ty};
+  alignas(32) std::array<int32_t, kBlocks * kBlocks> limits;
+  limits.fill(end_squared);
+  uint32_t blocks = FastestDistanceKernel().blocks_near(box, 1, kBlockUnits - 1, limits.data()) &
+                    obstacles.with_boundary;
+  for (; blocks != 0; blocks &= blocks - 1) {
+    const int k = std::countr_zero(blocks);
+    const int begin = obstacles.ends[k];
+    const absl::Span<const Site> sites(&obstacles.boundary[begin],
+                                       static_cast<size_t>(obstacles.ends[k + 1] - begin));
+    Site other = sites[sites.size() / 2];
+    const Offset offset = nearest.OffsetOf(middle);
+    if (offset.x != Offset::kNone) {
+      const Site vertex = VertexAt(from_there, middle);
+      other = SiteAt(vertex.x + offset.x, vertex.y + offset.y);
+    }
+    if (nearest.Add(some_sites_.NotHidden(sites, box, other), from_there)) {
+      end_squared = nearest.LongestSquared();
     }
   }
 }

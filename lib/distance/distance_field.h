@@ -102,33 +102,48 @@ class DistanceFieldEditor {
     // those from ends[k] on to ends[k + 1].
     std::vector<Site> boundary;
     std::array<int, kBlocks * kBlocks + 1> ends{};
+    BlockMask with_boundary = 0;  // blocks that have any
   };
   // The centres of squares of a block that came, or went, in changed_, and the box around them.
   struct Change {
     TileKey tile;
+    int block = 0;
     bool came = false;
     int begin = 0;
     int end = 0;
     Site low{};
     Site high{};
   };
+  // Changes of one tile that may be near another, and where there are more for that other.
+  struct ChangesNear {
+    static constexpr int kNoMore = -1;
+
+    int begin;
+    int end;
+    int next;
+  };
   class TileNeighborhood;
 
   void BeginAnew(const MapView& map);
-  std::vector<Change> UpdateObstacles(const MapView& map,
-                                      absl::flat_hash_map<TileKey, BlockMask>& marked);
-  void AddChanges(TileKey key, const ObstacleSquares& before, const ObstacleSquares& after,
-                  std::vector<Change>& changes);
-  void UpdateRims(absl::Span<const Change> changes);
-  void UpdateNear(const Change& change, absl::flat_hash_map<TileKey, BlockMask>& marked);
+  void UpdateObstacles(const MapView& map);
+  void AddChanges(TileKey key, const ObstacleSquares& before, const ObstacleSquares& after);
+  void UpdateRims();
+  void FindTilesNear();
+  void UpdateTile(TileKey key, int changes_near);
+  void MakeTile(TileKey key, int changes_near);
+  BlockMask FindSitesNear(TileKey key, int changes_near, const DistanceTile& tile);
   static BlockMask BlocksNear(const Change& change, TileKey key, const DistanceTile& tile);
-  void FillTile(TileKey key, BlockMask blocks);
+  void FillBlocks(TileKey key, BlockMask blocks, DistanceTile& tile);
   void FillBlock(const VertexBlock& block, const TileNeighborhood& surroundings,
                  DistanceTile& tile);
   void FindObstaclesAround(TileKey key);
-  void AddSitesOfNeighbors(const VertexBlock& block, uint64_t lost, const DistanceTile& tile,
-                           NearestSites& nearest);
+  void AddSitesAtCorners(const VertexBlock& block, uint64_t lost,
+                         const TileNeighborhood& surroundings);
+  void AddSitesOfNeighbors(const VertexBlock& block, uint64_t lost, const DistanceTile& tile);
   void AddSitesAround(const VertexBlock& block, uint64_t lost, NearestSites& nearest);
+  void AddSitesOfTile(const VertexBlock& block, TileKey from, const Obstacles& obstacles,
+                      const VertexBox& of_lost, int middle, NearestSites& nearest,
+                      int32_t& end_squared);
   const ObstacleSquares& SquaresAt(TileKey key) const;
 
   const DistanceFieldOptions options_;
@@ -142,12 +157,20 @@ class DistanceFieldEditor {
   TileBox obstacles_box_;  // around them
   KeyTreeEditor<DistanceTile> tiles_;
   std::shared_ptr<const DistanceTile> nothing_near_;
+  // Of an update, those of a tile side by side.
+  std::vector<Change> changes_;
   std::vector<Site> changed_;
+  // The tiles that may change, and where in changes_near_ what is near them begins.
+  absl::flat_hash_map<TileKey, int> tiles_near_;
+  std::vector<ChangesNear> changes_near_;
+  // Of the tile that is being updated, by block: what may be nearest to a vertex, or was.
+  std::array<std::vector<Site>, kBlocks * kBlocks> came_near_;
+  std::array<std::vector<Site>, kBlocks * kBlocks> went_near_;
   // Of the tile that is being updated: the obstacles by tile, null where there are none, and in
   // which box of tiles, from it.
   std::vector<const Obstacles*> obstacles_around_;
   TileBox around_;
-  std::vector<Site> sites_;  // of neighbors of those that look around
+  std::vector<Site> sites_;  // of a tile, or near a block, while they are found
   SomeSites some_sites_;
 };
 

@@ -48,6 +48,7 @@ struct NearestOfBlock {
   static constexpr int32_t kBias = 1 << 15;
 
   int32_t reach_squared;
+  uint64_t lost;  // a bit for each vertex that had lost its site
   // Offsets as the numbers of their bits, but for the highest of x (kBias): so they are less by y,
   // then by x.
   alignas(32) int32_t ways[VertexBlock::kSize];
@@ -95,10 +96,15 @@ struct DistanceKernel {
   int32_t (*longest_squared)(const NearestOfBlock& nearest);
   // Here without gaps between rows.
   void (*write)(const NearestOfBlock& nearest, SiteOffset* offsets);
-  // As TakeAway(), `without` without gaps, too.
+  // Whether a vertex has one of the sites: it loses that.
   bool (*take_away)(const Site* sites, int count, const VertexBlock& block,
-                    const SiteOffset* offsets, SiteOffset* without);
-  // Copies those that SomeSites::NotHidden() keeps; says how many.
+                    NearestOfBlock& nearest);
+  // Of the blocks of a tile, a bit for each that is no farther from a box than its limit, squared.
+  // Of a block what lies from `first` to `last` counts, from its corner, in the units of sites.
+  uint32_t (*blocks_near)(const VertexBox& box, int first, int last, const int32_t* limits);
+  // Copies those that SomeSites::NotHidden() keeps; says how many. It may write kSpareSites more
+  // than there are.
+  static constexpr int kSpareSites = 7;
   int (*keep_not_hidden)(const Site* sites, int count, const VertexBox& box, const Site& other,
                          Site* kept);
 
@@ -106,6 +112,8 @@ struct DistanceKernel {
   void (*find_ranges)(const ControlPoint* first, int stride, CellRanges& ranges);
   // Above both thresholds, in net units. `patch` as that of a CellPatch.
   SquaresWithCorner (*find_corners)(const ControlPoint* patch, double high, double higher);
+  // The net of square (x, y) of the cell, 4 rows of 4 in net units.
+  void (*find_net)(const ControlPoint* patch, int x, int y, double* net);
 };
 
 // Those that this processor can run, the plain one first, the fastest last.

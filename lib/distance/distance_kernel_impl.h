@@ -68,6 +68,7 @@ static_assert(sizeof(Integers8) == kSide * sizeof(SiteOffset));
 
 void Read(const SiteOffset* offsets, bool only_lost, NearestOfBlock& nearest) {
   const Integers8 none = Integers8{} + (nearest.reach_squared + 1);
+  nearest.lost = 0;
   for (int y = 0; y < kSide; ++y) {
     const auto both = Load<Integers8>(offsets + Tile::kSide * y);
     const Integers8 way_x = (both << 16) >> 16;
@@ -79,6 +80,7 @@ void Read(const SiteOffset* offsets, bool only_lost, NearestOfBlock& nearest) {
     const Integers8 of_y = Select(is_none, Integers8{}, way_y);
     Integers8 squared = Select(is_none, none, of_x * of_x + of_y * of_y);
     if (only_lost) squared |= ~is_lost;
+    nearest.lost |= uint64_t{Bits(is_lost)} << (kSide * y);
     Store(Select(is_lost, Integers8{} + kNoWay, both ^ kBias), &nearest.ways[kSide * y]);
     Store(squared, &nearest.squared[kSide * y]);
   }
@@ -145,26 +147,44 @@ void Write(const NearestOfBlock& nearest, SiteOffset* offsets) {
   }
 }
 
-bool TakeAway(const Site* sites, int count, const VertexBlock& block, const SiteOffset* offsets,
-              SiteOffset* without) {
+bool TakeAway(const Site* sites, int count, const VertexBlock& block, NearestOfBlock& nearest) {
   Integers8 has[kSide];
   Integers8 is_lost[kSide]{};
-  for (int y = 0; y < kSide; ++y) has[y] = Load<Integers8>(offsets + Tile::kSide * y);
+  for (int y = 0; y < kSide; ++y) has[y] = Load<Integers8>(&nearest.ways[kSide * y]);
   for (int k = 0; k < count; ++k) {
-    // From row to row the way is one knot interval shorter.
     const Integers8 dx = sites[k].x - kStep * (block.x0 + kColumns);
-    Integers8 way = (sites[k].y - kStep * block.y0) << 16 | (dx & 0xFFFF);
+    Integers8 way = (sites[k].y - kStep * block.y0) << 16 | ((dx & 0xFFFF) ^ kBias);
     for (int y = 0; y < kSide; ++y) {
       is_lost[y] |= IsEqual(has[y], way);
       way -= kStep << 16;
     }
   }
   Integers8 is_any_lost{};
+  for (int y = 0; y < kSide; ++y) is_any_lost |= is_lost[y];
+  if (!IsAny(is_any_lost)) return false;
+  const Integers8 none = Integers8{} + (nearest.reach_squared + 1);
   for (int y = 0; y < kSide; ++y) {
-    is_any_lost |= is_lost[y];
-    Store(has[y] & ~is_lost[y], without + kSide * y);
+    const auto squared = Load<Integers8>(&nearest.squared[kSide * y]);
+    Store(Select(is_lost[y], Integers8{} + kBias, has[y]), &nearest.ways[kSide * y]);
+    Store(Select(is_lost[y], none, squared), &nearest.squared[kSide * y]);
   }
-  return IsAny(is_any_lost);
+  return true;
+}
+
+uint32_t BlocksNear(const VertexBox& box, int first, int last, const int32_t* limits) {
+  const auto square_of_gap = [=](Integers8 blocks, int low, int high)
+      __attribute__((always_inline)) {
+    const Integers8 at = kSide * kStep * blocks;
+    const Integers8 gap = Greater(Greater(at + (first - high), low - last - at), Integers8{});
+    return gap * gap;
+  };
+  const Integers8 x = square_of_gap(kColumns & 3, box.low.x, box.high.x);
+  uint32_t near = 0;
+  for (int half = 0; half < 2; ++half) {
+    const Integers8 y = square_of_gap((kColumns >> 2) + 2 * half, box.low.y, box.high.y);
+    near |= (~Bits(IsLess(Load<Integers8>(limits + 8 * half), x + y)) & 0xFF) << (8 * half);
+  }
+  return near;
 }
 
 // Of vectors whose x and y are the halves of each number: x_a x_b + y_a y_b.
@@ -182,6 +202,33 @@ bool TakeAway(const Site* sites, int count, const VertexBlock& block, const Site
 
 [[gnu::always_inline]] inline Halves16 Pairs(int32_t x, int32_t y) {
   return reinterpret_cast<Halves16>(Integers8{} + (y << 16 | (x & 0xFFFF)));
+}
+
+#ifdef __AVX2__
+// By bits, the numbers of those that are set, a byte for each.
+constexpr auto kNumbersOfBits = [] {
+  struct {
+    uint64_t of[256]{};
+  } numbers;
+  for (int bits = 0; bits < 256; ++bits) {
+    int count = 0;
+    for (uint64_t k = 0; k < 8; ++k) {
+      if ((bits >> k & 1) != 0) numbers.of[bits] |= k << (8 * count++);
+    }
+  }
+  return numbers;
+}();
+#endif
+
+// Copies those whose bits are set, and what comes after them is written over.
+[[gnu::always_inline]] inline void StoreSome(Integers8 sites, uint32_t bits, Site* to) {
+#ifdef __AVX2__
+  const __m256i numbers = _mm256_cvtepu8_epi32(
+      _mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kNumbersOfBits.of[bits])));
+  Store(_mm256_permutevar8x32_epi32(reinterpret_cast<__m256i>(sites), numbers), to);
+#else
+  for (; bits != 0; bits &= bits - 1) Store(int32_t{sites[__builtin_ctz(bits)]}, to++);
+#endif
 }
 
 int KeepNotHidden(const Site* sites, int count, const VertexBox& box, const Site& other,
@@ -202,8 +249,9 @@ int KeepNotHidden(const Site* sites, int count, const VertexBox& box, const Site
     const Halves16 apart = both - others;
     const Integers8 slack = ScalarProducts(Greater(apart, -apart), extent);
     const Integers8 farther = ScalarProducts(apart, both + to_other);
-    uint32_t rest = ~Bits(IsLess(slack, farther)) & ((1u << num_some) - 1);
-    for (; rest != 0; rest &= rest - 1) kept[num_kept++] = some[__builtin_ctz(rest)];
+    const uint32_t bits = ~Bits(IsLess(slack, farther)) & ((1u << num_some) - 1);
+    StoreSome(reinterpret_cast<Integers8>(both), bits, kept + num_kept);
+    num_kept += __builtin_popcount(bits);
   }
   return num_kept;
 }
@@ -286,11 +334,27 @@ SquaresWithCorner FindCorners(const ControlPoint* patch, double high, double hig
           static_cast<uint32_t>(is_higher[0] | is_higher[1] | is_higher[2] | is_higher[3])};
 }
 
+void FindNet(const ControlPoint* patch, int x, int y, double* net) {
+  Doubles4 columns[4];
+  for (int row = 0; row < 4; ++row) {
+    columns[row] = Doubles4{};
+    for (int k = 0; k < 4; ++k) {
+      columns[row] +=
+          static_cast<double>(patch[4 * row + k]) * Load<Doubles4>(&kNetWeights[k][3 * x]);
+    }
+  }
+  for (int k = 0; k < 4; ++k) {
+    Doubles4 points{};
+    for (int row = 0; row < 4; ++row) points += kNetWeights[row][3 * y + k] * columns[row];
+    Store(points, net + 4 * k);
+  }
+}
+
 }  // namespace
 
 extern const DistanceKernel kDistanceKernel;
-const DistanceKernel kDistanceKernel{SPLINEMAP_KERNEL_NAME, &Read,       &Add,
-                                     &LongestSquared,       &Write,      &TakeAway,
-                                     &KeepNotHidden,        &FindRanges, &FindCorners};
+const DistanceKernel kDistanceKernel{
+    SPLINEMAP_KERNEL_NAME, &Read,          &Add,        &LongestSquared, &Write,  &TakeAway,
+    &BlocksNear,           &KeepNotHidden, &FindRanges, &FindCorners,    &FindNet};
 
 }  // namespace splinemap::SPLINEMAP_KERNEL

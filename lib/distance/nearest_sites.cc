@@ -2,14 +2,11 @@
 
 namespace splinemap {
 
-bool TakeAway(absl::Span<const Site> sites, const VertexBlock& block, const SiteOffset* offsets,
-              BlockOffsets& without) {
-  return FastestDistanceKernel().take_away(sites.data(), static_cast<int>(sites.size()), block,
-                                           offsets, without.data());
-}
-
 absl::Span<const Site> SomeSites::NotHidden(absl::Span<const Site> sites, const VertexBox& box,
                                             const Site& other) {
+  if (kept_.size() < sites.size() + DistanceKernel::kSpareSites) {
+    kept_.resize(sites.size() + DistanceKernel::kSpareSites);
+  }
   const int count = FastestDistanceKernel().keep_not_hidden(
       sites.data(), static_cast<int>(sites.size()), box, other, kept_.data());
   return {kept_.data(), static_cast<size_t>(count)};
@@ -22,6 +19,11 @@ NearestSites::NearestSites(Of vertices, const SiteOffset* offsets, int32_t reach
 
 bool NearestSites::Add(absl::Span<const Site> sites, const VertexBlock& block) {
   return FastestDistanceKernel().add(sites.data(), static_cast<int>(sites.size()), block, nearest_);
+}
+
+bool NearestSites::TakeAway(absl::Span<const Site> sites, const VertexBlock& block) {
+  return FastestDistanceKernel().take_away(sites.data(), static_cast<int>(sites.size()), block,
+                                           nearest_);
 }
 
 int32_t NearestSites::LongestSquared() const {

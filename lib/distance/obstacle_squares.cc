@@ -13,30 +13,6 @@ namespace {
 
 constexpr int kPerKnot = ObstacleSquares::kPerKnot;
 
-// Of `count` points of the nets each way, so many apart; the first is (x0, y0).
-template <int count>
-std::array<std::array<double, count>, count> PointsOfNets(const CellPatch& patch, int x0, int y0,
-                                                          int apart) {
-  std::array<std::array<double, 4>, count> columns;
-  for (int x = 0; x < count; ++x) {
-    for (int row = 0; row < 4; ++row) {
-      const ControlPoint* c = &patch.control_points[4 * row];
-      const int at = x0 + apart * x;
-      columns[x][row] = kNetWeights[0][at] * c[0] + kNetWeights[1][at] * c[1] +
-                        kNetWeights[2][at] * c[2] + kNetWeights[3][at] * c[3];
-    }
-  }
-  std::array<std::array<double, count>, count> points;
-  for (int y = 0; y < count; ++y) {
-    for (int x = 0; x < count; ++x) {
-      const int at = y0 + apart * y;
-      points[y][x] = kNetWeights[0][at] * columns[x][0] + kNetWeights[1][at] * columns[x][1] +
-                     kNetWeights[2][at] * columns[x][2] + kNetWeights[3][at] * columns[x][3];
-    }
-  }
-  return points;
-}
-
 // Below the threshold everywhere, by the plane above it, which the search uses, too.
 bool IsBelow(const BezierNet& net, double threshold) {
   const BezierNet::Plane plane = net.Above();
@@ -77,12 +53,18 @@ ControlPointsAround::ControlPointsAround(const TileTree& tiles, TileKey key) {
 }
 
 CellMask ChangedPoints(const Tile& before, const Tile& after) {
+  typedef ControlPoint ControlPoints8 __attribute__((vector_size(16)));
+  typedef int8_t Bytes8 __attribute__((vector_size(8)));
   CellMask changed{};
-  for (int y = 0; y < Tile::kSide; ++y) {
-    const ControlPoint* a = &before.control_points[IndexInTile(0, y)];
-    const ControlPoint* b = &after.control_points[IndexInTile(0, y)];
-    if (std::memcmp(a, b, Tile::kSide * sizeof(ControlPoint)) == 0) continue;
-    for (int x = 0; x < Tile::kSide; ++x) changed[y] |= uint32_t{a[x] != b[x]} << x;
+  for (int n = 0; n < Tile::kSize; n += 8) {
+    ControlPoints8 a;
+    ControlPoints8 b;
+    std::memcpy(&a, &before.control_points[n], sizeof a);
+    std::memcpy(&b, &after.control_points[n], sizeof b);
+    const auto bytes = __builtin_convertvector(a == b, Bytes8) + 1;
+    // Gathers a bit of each byte in the highest one.
+    const uint64_t bits = std::bit_cast<uint64_t>(bytes) * 0x0102040810204080 >> 56;
+    changed[n / Tile::kSide] |= static_cast<uint32_t>(bits << n % Tile::kSide);
   }
   return changed;
 }
@@ -115,12 +97,11 @@ void ObstacleRasterizer::Update(const ControlPointsAround& control_points, const
   const DistanceKernel& kernel = FastestDistanceKernel();
   for (int y = 0; y < Tile::kSide; ++y) {
     if (cells[y] == 0) continue;
-    ObstacleSquares::Row told = 0;
-    std::array<ObstacleSquares::Row, kPerKnot> is_set{};
     for (int x0 = 0; x0 < Tile::kSide; x0 += CellRanges::kCells) {
       uint32_t rest = cells[y] >> x0 & 0xFF;
       if (rest == 0) continue;
-      told |= ObstacleSquares::Row{SquaresOfCells(rest)} << (kPerKnot * x0);
+      const uint32_t told = SquaresOfCells(rest);
+      std::array<uint32_t, kPerKnot> is_set{};
       CellRanges ranges;
       kernel.find_ranges(control_points.From(x0, y), ControlPointsAround::kSide, ranges);
       for (; rest != 0; rest &= rest - 1) {
@@ -129,14 +110,14 @@ void ObstacleRasterizer::Update(const ControlPointsAround& control_points, const
         if (is_low && unknown_ == UnknownPolicy::kFree) continue;
         const uint32_t of_cell = OfCell(control_points.At(x0 + k, y),
                                         {ranges.least[k], ranges.greatest[k], ranges.bend[k]});
-        for (int row = 0; row < kPerKnot && of_cell != 0; ++row) {
-          is_set[row] |= ObstacleSquares::Row{of_cell >> (4 * row) & 0xF} << (kPerKnot * (x0 + k));
+        for (int row = 0; row < kPerKnot; ++row) {
+          is_set[row] |= (of_cell >> (4 * row) & 0xF) << (kPerKnot * k);
         }
       }
-    }
-    for (int row = 0; row < kPerKnot; ++row) {
-      ObstacleSquares::Row& bits = squares.rows[kPerKnot * y + row];
-      bits = (bits & ~told) | is_set[row];
+      for (int row = 0; row < kPerKnot; ++row) {
+        uint32_t& word = squares.rows[kPerKnot * y + row][x0 / CellRanges::kCells];
+        word = (word & ~told) | is_set[row];
+      }
     }
   }
 }
@@ -173,7 +154,9 @@ uint32_t ObstacleRasterizer::OnSurface(const CellPatch& patch, const CellRange& 
   for (uint32_t rest = corners.high & ~squares; rest != 0; rest &= rest - 1) {
     const int x = std::countr_zero(rest) % kPerKnot;
     const int y = std::countr_zero(rest) / kPerKnot;
-    if (HasOccupied({PointsOfNets<4>(patch, 3 * x, 3 * y, 1)}, 0.25)) squares |= rest & -rest;
+    BezierNet net;
+    FastestDistanceKernel().find_net(patch.control_points.data(), x, y, net.rows[0].data());
+    if (HasOccupied(net, 0.25)) squares |= rest & -rest;
   }
   return squares;
 }

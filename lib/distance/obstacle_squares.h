@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <cstring>
 
 #include "absl/functional/function_ref.h"
 #include "lib/query/bezier_net.h"
@@ -13,22 +14,24 @@
 namespace splinemap {
 
 // The squares of a tile, of 1/4 knot interval, with a point that is occupied, or unknown where that
-// stops; as ObstacleSearch finds them, to 1/32 knot interval. Bit x of row y is the square
-// [x, x + 1] x [y, y + 1] / 4 from the tile's corner.
+// stops; as ObstacleSearch finds them, to 1/32 knot interval. Square (x, y) is
+// [x, x + 1] x [y, y + 1] / 4 from the tile's corner: bit x % 32 of word x / 32 of row y.
 struct ObstacleSquares {
   static constexpr int kPerKnot = 4;
   static constexpr int kSide = Tile::kSide * kPerKnot;
 
-  using Row = unsigned __int128;
-  static_assert(8 * sizeof(Row) == kSide);
+  using Row = std::array<uint32_t, kSide / 32>;
 
   std::array<Row, kSide> rows{};
 
-  bool operator==(const ObstacleSquares&) const = default;
+  bool operator==(const ObstacleSquares& other) const {
+    return std::memcmp(rows.data(), other.rows.data(), sizeof rows) == 0;
+  }
+  bool IsSet(int x, int y) const { return (rows[y][x / 32] >> (x % 32) & 1) != 0; }
   bool IsEmpty() const { return *this == ObstacleSquares(); }
   static ObstacleSquares All() {
     ObstacleSquares squares;
-    squares.rows.fill(~Row{0});
+    for (Row& row : squares.rows) row.fill(~uint32_t{0});
     return squares;
   }
 };

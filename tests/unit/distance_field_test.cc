@@ -358,25 +358,28 @@ TEST(DistanceFieldTest, IsThatOfTheMapWhateverWasSeenBefore) {
   EXPECT_GT(num_changed, 500);
 }
 
-// The end of a wall moves over the boundary between two tiles, without a change in the other.
-TEST(DistanceFieldTest, IsThatOfTheMapWhereObstaclesEndAtTheRimOfATile) {
-  for (const bool along_x : {false, true}) {
-    for (const bool is_lower : {false, true}) {
-      World world(1);
-      DistanceFieldEditor editor({});
-      for (int value = -95; value >= -995; value -= 30) {
-        world.NextCommit();
-        for (int n = 20; n < 45; ++n) {
-          for (int m = 0; m < 30; ++m) {
-            int put = kFree;
-            if (m > 5 && m < 25 && (is_lower ? n < 32 : n > 32)) put = 2560;
-            if (m > 5 && m < 25 && n == 32) put = m < 14 || m > 16 ? -100 : value;
-            along_x ? world.Put(n, m, put) : world.Put(m, n, put);
-          }
+// The end of a wall, or a part of it, moves over the boundary between two tiles, or two blocks of
+// one, without a change in the other.
+TEST(DistanceFieldTest, IsThatOfTheMapWhereObstaclesEndAtTheRimOfATileOrBlock) {
+  for (int choice = 0; choice < 16; ++choice) {
+    const bool along_x = choice % 2 == 0;
+    const bool is_lower = choice / 2 % 2 == 0;
+    const bool is_part = choice / 4 % 2 == 0;
+    const int end = choice / 8 == 0 ? 32 : 40;
+    World world(1);
+    DistanceFieldEditor editor({});
+    for (int value = -95; value >= -995; value -= 30) {
+      world.NextCommit();
+      for (int n = end - 12; n <= end + 12; ++n) {
+        for (int m = 0; m < 30; ++m) {
+          int put = kFree;
+          if (m > 5 && m < 25 && (is_lower ? n < end : n > end)) put = 2560;
+          if (m > 5 && m < 25 && n == end) put = is_part && (m < 14 || m > 16) ? -100 : value;
+          along_x ? world.Put(n, m, put) : world.Put(m, n, put);
         }
-        const auto map = world.View();
-        ASSERT_TRUE(IsTheSame(editor.Update(map), FieldOf(map, {}), Reach({})));
       }
+      const auto map = world.View();
+      ASSERT_TRUE(IsTheSame(editor.Update(map), FieldOf(map, {}), Reach({})));
     }
   }
 }

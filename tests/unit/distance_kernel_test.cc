@@ -2,7 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
+#include <bit>
 #include <random>
 #include <string>
 #include <tuple>
@@ -73,13 +75,14 @@ TEST_P(DistanceKernelTest, FindsTheNearestSitesThatThePlainOneFinds) {
       num_added += is_added ? 1 : 0;
     }
 
-    std::array<SiteOffset, VertexBlock::kSize> without;
-    std::array<SiteOffset, VertexBlock::kSize> expected_without;
-    const bool is_any_lost =
-        Plain().take_away(sites.data(), count, block, offsets.data(), expected_without.data());
-    ASSERT_EQ(kernel_.take_away(sites.data(), count, block, offsets.data(), without.data()),
-              is_any_lost);
-    ASSERT_EQ(without, expected_without);
+    NearestOfBlock nearest{};
+    NearestOfBlock expected{};
+    kernel_.read(offsets.data(), false, nearest);
+    Plain().read(offsets.data(), false, expected);
+    ASSERT_EQ(nearest.lost, expected.lost);
+    const bool is_any_lost = Plain().take_away(sites.data(), count, block, expected);
+    ASSERT_EQ(kernel_.take_away(sites.data(), count, block, nearest), is_any_lost);
+    ASSERT_EQ(NumbersOf(nearest), NumbersOf(expected));
     num_taken_away += is_any_lost ? 1 : 0;
   }
   EXPECT_GT(num_added, 1000);
@@ -96,8 +99,8 @@ TEST_P(DistanceKernelTest, KeepsTheSitesThatThePlainOneKeeps) {
                         {static_cast<int16_t>(low.x + Uniform(0, 56)),
                          static_cast<int16_t>(low.y + Uniform(0, 56))}};
     const Site other = RandomSite(-50, 100);
-    std::array<Site, 30> kept;
-    std::array<Site, 30> expected;
+    std::array<Site, 30 + DistanceKernel::kSpareSites> kept;
+    std::array<Site, 30 + DistanceKernel::kSpareSites> expected;
     const int count = static_cast<int>(sites.size());
     const int expected_count =
         Plain().keep_not_hidden(sites.data(), count, box, other, expected.data());
@@ -107,6 +110,33 @@ TEST_P(DistanceKernelTest, KeepsTheSitesThatThePlainOneKeeps) {
     num_kept += expected_count;
   }
   EXPECT_GT(num_kept, 1000);
+}
+
+TEST_P(DistanceKernelTest, FindsTheBlocksThatAreNear) {
+  int num_near = 0;
+  for (int repetition = 0; repetition < 5000; ++repetition) {
+    const Site low = RandomSite(-600, 600);
+    const VertexBox box{low,
+                        {static_cast<int16_t>(low.x + Uniform(0, 64)),
+                         static_cast<int16_t>(low.y + Uniform(0, 64))}};
+    const int first = Uniform(0, 1);
+    const int last = Uniform(56, 63);
+    std::array<int32_t, 16> limits;
+    uint32_t expected = 0;
+    for (int block = 0; block < 16; ++block) {
+      const int x0 = 64 * (block % 4);
+      const int y0 = 64 * (block / 4);
+      const int x = std::max({x0 + first - box.high.x, box.low.x - x0 - last, 0});
+      const int y = std::max({y0 + first - box.high.y, box.low.y - y0 - last, 0});
+      const int length = Uniform(0, 400);
+      limits[block] = Uniform(0, 1) == 0 ? x * x + y * y - Uniform(0, 1) : length * length;
+      if (x * x + y * y <= limits[block]) expected |= 1u << block;
+    }
+    ASSERT_EQ(kernel_.blocks_near(box, first, last, limits.data()), expected);
+    num_near += std::popcount(expected);
+  }
+  EXPECT_GT(num_near, 10'000);
+  EXPECT_LT(num_near, 70'000);
 }
 
 TEST_P(DistanceKernelTest, BoundsCellsAsThePlainOneDoes) {
@@ -133,6 +163,17 @@ TEST_P(DistanceKernelTest, BoundsCellsAsThePlainOneDoes) {
     ASSERT_EQ(corners.high, expected_corners.high);
     ASSERT_EQ(corners.higher, expected_corners.higher);
     all_high |= corners.high;
+    const int x = Uniform(0, 3);
+    const int y = Uniform(0, 3);
+    std::array<double, 16> net;
+    kernel_.find_net(rows.data(), x, y, net.data());
+    for (int k = 0; k < 16; ++k) {
+      double point = 0;
+      for (int c = 0; c < 16; ++c) {
+        point += kNetWeights[c % 4][3 * x + k % 4] * kNetWeights[c / 4][3 * y + k / 4] * rows[c];
+      }
+      ASSERT_EQ(net[k], point);
+    }
   }
   EXPECT_EQ(all_high, 0xFFFFu);
 }

@@ -148,19 +148,23 @@ TEST(NearestSitesTest, VerticesLoseASiteWhereTheirOffsetPointsToIt) {
     for (int k = 0; k < 3; ++k) {
       sites.push_back(SiteAt(-256 + 2 * coordinate(random) + 1, 512 + 2 * coordinate(random) + 1));
     }
+    constexpr int kReachSquared = 4000;  // more than that of any
+    NearestSites nearest(NearestSites::Of::kAllVertices, offsets.data(), kReachSquared);
     BlockOffsets expected;
+    int longest = 0;
     for (int vertex = 0; vertex < VertexBlock::kSize; ++vertex) {
-      expected[vertex] = offsets.At(vertex);
+      const SiteOffset has = offsets.At(vertex);
+      expected[vertex] = has;
       for (const Site& site : sites) {
-        if (OffsetTo(site, block, vertex) == offsets.At(vertex)) expected[vertex] = kLost;
+        if (OffsetTo(site, block, vertex) == has) expected[vertex] = kLost;
       }
+      const bool has_any = expected[vertex] != SiteOffset() && expected[vertex] != kLost;
+      longest = std::max(longest, has_any ? has.x * has.x + has.y * has.y : kReachSquared);
     }
     const bool is_any_lost = std::find(expected.begin(), expected.end(), kLost) != expected.end();
-    BlockOffsets without;
-    ASSERT_EQ(TakeAway(sites, block, offsets.data(), without), is_any_lost);
-    if (is_any_lost) {
-      ASSERT_EQ(without, expected);
-    }
+    ASSERT_EQ(nearest.TakeAway(sites, block), is_any_lost);
+    ASSERT_EQ(nearest.Offsets(), expected);
+    ASSERT_EQ(nearest.LongestSquared(), longest);
     num_lost += is_any_lost ? 1 : 0;
   }
   EXPECT_GT(num_lost, 100);
@@ -184,6 +188,9 @@ TEST(NearestSitesTest, SitesAreTakenWhereTheyAreNearer) {
     }
     for (const auto of : {NearestSites::Of::kAllVertices, NearestSites::Of::kLostOnes}) {
       NearestSites nearest(of, offsets.data(), reach_squared);
+      for (int vertex = 0; vertex < VertexBlock::kSize; ++vertex) {
+        ASSERT_EQ((nearest.LostOnes() >> vertex & 1) != 0, offsets.At(vertex) == kLost);
+      }
       const bool is_taken = nearest.Add(sites, block);
       (is_taken ? num_taken : num_nothing) += 1;
       bool is_taken_expected = false;

@@ -73,7 +73,7 @@ TEST(ObstacleSquaresTest, HaveWhatIsOccupiedOrUnknownAndNothingElse) {
                 is_unknown = is_unknown || !sample.known;
                 if (sample.known) most = std::max(most, sample.log_odds);
               }
-              const bool is_set = (squares.rows[y] >> x & 1) != 0;
+              const bool is_set = squares.IsSet(x, y);
               (is_set ? num_set : num_clear) += 1;
               if (is_unknown) {
                 ASSERT_EQ(is_set, unknown == UnknownPolicy::kBlocked);
@@ -106,7 +106,7 @@ TEST(ObstacleSquaresTest, OnlyTheCellsThatAreToldChange) {
       for (int x = 0; x < ObstacleSquares::kSide; ++x) {
         const bool is_told = y / 4 == 3 && (x / 4 == 4 || x / 4 == 5);
         const ObstacleSquares& expected = is_told ? anew : before;
-        ASSERT_EQ(squares.rows[y] >> x & 1, expected.rows[y] >> x & 1) << x << " " << y;
+        ASSERT_EQ(squares.IsSet(x, y), expected.IsSet(x, y)) << x << " " << y;
       }
     }
   }
@@ -172,7 +172,7 @@ TEST(ObstacleSquaresTest, PeaksWithinASquareAreFound) {
       .Update({view->tiles, {0, 0}}, kAllCells, squares);
   const auto x = static_cast<int>(top_m.x() / kKnot_m * ObstacleSquares::kPerKnot);
   const auto y = static_cast<int>(top_m.y() / kKnot_m * ObstacleSquares::kPerKnot);
-  EXPECT_EQ(squares.rows[y] >> x & 1, 1);
+  EXPECT_TRUE(squares.IsSet(x, y));
 }
 
 }  // namespace splinemap::obstacle_squares_test
