@@ -17,7 +17,7 @@
 #include "lib/geometry/angle.h"
 #include "lib/map/point_kernel.h"
 #include "lib/mapping/scan_folder.h"
-#include "lib/tiles/sum_tiles.h"
+#include "lib/tiles/sum_kernel.h"
 #include "splinemap/local_map.h"
 #include "tests/support/map_writer.h"
 #include "tests/support/queries.h"
@@ -189,7 +189,7 @@ void PrintDrive(const std::string& drive, const std::vector<PosedScan>& scans) {
 int main(int argc, char** argv) {
   using namespace splinemap;
   fmt::print(stderr, "map_bytes: {}, {}, {}\n", FastestScanKernel().name, FastestPointKernel().name,
-             TileMergers().front().name);
+             SumKernels().back().name);
   PrintDrive("room", DriveInRoom());
   PrintDrive("random", RandomDrive());
   for (int k = 1; k < argc; ++k) {

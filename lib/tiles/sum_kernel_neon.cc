@@ -1,0 +1,3 @@
+#define SPLINEMAP_KERNEL neon
+#define SPLINEMAP_NEON
+#include "lib/tiles/sum_kernel_impl.h"

@@ -1,0 +1,2 @@
+#define SPLINEMAP_KERNEL plain
+#include "lib/tiles/sum_kernel_impl.h"
