@@ -283,7 +283,7 @@ void DistanceFieldEditor::UpdateRims() {
   absl::flat_hash_map<TileKey, BlockMask> changed;
   const auto add = [&](TileKey key, int bx, int by) {
     changed[{key.tx + (bx >> 2), key.ty + (by >> 2)}] |=
-        BlockMask{1} << (kBlocks * (by & (kBlocks - 1)) + (bx & (kBlocks - 1)));
+        static_cast<BlockMask>(1 << (kBlocks * (by & (kBlocks - 1)) + (bx & (kBlocks - 1))));
   };
   for (const Change& change : changes_) {
     const int bx = change.block % kBlocks;
