@@ -258,7 +258,6 @@ absl::Status Daemon::Stop() {
   parts_->folding.Stop();
   parts_->mapping.Stop();
   const absl::Status saved = parts_->saver.Stop();
-  parts_->receiving.Join();
   // What is published last is on disk. Followers may ask for it.
   parts_->receiving.Start(parts_->requests);
   parts_->replication.Stop();

@@ -17,10 +17,9 @@ context = ssl.create_default_context(cafile=credentials + "/ca.pem")
 context.load_cert_chain(credentials + "/own.pem", credentials + "/own.key")
 server = context.wrap_socket(plain, server_hostname=host)
 options = {"verbose": False, "pedantic": False, "headers": True, "no_responders": True}
-server.sendall(f"CONNECT {json.dumps(options)}\r\n".encode())
-for line in sys.argv[4:]:
-    server.sendall(line.replace("|", "\r\n").encode() + b"\r\n")
-server.sendall(b"PING\r\n")
+lines = [f"CONNECT {json.dumps(options)}", *sys.argv[4:], "PING"]
+# At once: a server may close after the first.
+server.sendall("".join(line.replace("|", "\r\n") + "\r\n" for line in lines).encode())
 said = b""
 server.settimeout(0.3)
 try:
