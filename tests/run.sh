@@ -71,7 +71,10 @@ preset=${1:-}
 case $preset in
   dev) run dev "$@" ;;
   asan) run asan -L unit "$@" ;;
-  tsan) run tsan -R '^(DaemonTest|MailboxTest|MapViewTest|RequestServerTest|CommandTest|asking)' "$@" ;;
+  tsan)
+    threaded='DaemonTest|MailboxTest|MapViewTest|RequestServerTest|CommandTest|WorkBesideTest'
+    run tsan -R "^($threaded|ReceivingThreadTest|ReplayPropertyTest.MappingBeside|asking)" "$@"
+    ;;
   "")
     configure asan
     cmake --build --preset asan
