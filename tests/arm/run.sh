@@ -13,7 +13,7 @@ usage: tests/arm/run.sh [--yes] [FILTER]
 
 Lays Debian's arm64 packages of libraries into build/arm/sysroot (70 MB to download, 460 MB); the
 host's packages stay as they are, but for missing ones, which are installed with apt-get (asks first
-on a terminal, unless --yes). Builds all libraries: an hour or more on two cores the first time.
+on a terminal, unless --yes). Builds all libraries, some four minutes on two cores.
 EOF
 }
 
