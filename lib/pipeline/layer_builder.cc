@@ -43,37 +43,42 @@ LayerBuilder::LayerBuilder(const config::Config& config, MapOptions map_options,
   for (const config::Scan& scan : config.scan()) channels_.emplace_back().name = scan.channel();
 }
 
+bool LayerBuilder::Item::is_filtered() const { return min_travel_m > 0 || min_turn_rad > 0; }
+
 void LayerBuilder::Prepare(Item& item) {
   Place(item.scan, archive_.map_T_world, item.placed);
-  item.can_be = preparing_.Check(item.placed);
-  item.packed.reset();
+  item.is_placed = true;
+  // Lines are most of the work, which robots that stand still are to be spared.
+  if (!item.is_filtered()) MakeLines(preparing_, item);
+}
+
+void LayerBuilder::MakeLines(ScanFolder& folder, Item& item) const {
+  item.has_lines = true;
+  item.can_be = folder.Check(item.placed);
   if (!item.can_be.ok()) return;
-  preparing_.Prepare(item.placed, beam_model_, item.lines);
-  const bool is_filtered = item.min_travel_m > 0 || item.min_turn_rad > 0;
-  if (!is_filtered && max_archive_bytes_ > 0) {
-    item.packed = Pack(item.scan, beam_model_);
-  }
+  folder.Prepare(item.placed, beam_model_, item.lines);
+  if (max_archive_bytes_ > 0) item.packed = Pack(item.scan, beam_model_);
 }
 
 void LayerBuilder::Map(Item& item) {
   const PlacedScan& placed = item.placed;
-  Channel& channel = channels_[placed.channel];
+  Channel& channel = channels_[item.scan.channel];
   if (!why_refused_.empty() || layer_.tiles().size() >= max_tiles_) {
     findings_.Drop(DropReason::kMapFull, channel.name,
                    why_refused_.empty() ? DropExplanation(DropReason::kMapFull) : why_refused_);
     return;
   }
+  if (!item.is_placed) Place(item.scan, archive_.map_T_world, item.placed);
   if (!HasMoved(channel, item)) {
     ++findings_.drops[DropReason::kStoodStill];  // as configured: nothing to say
     return;
   }
+  if (!item.has_lines) MakeLines(folder_, item);
   if (!item.can_be.ok()) {
     findings_.Drop(DropReason::kPoseOutOfRange, channel.name, ErrorText(item.can_be));
     return;
   }
-  if (max_archive_bytes_ > 0) {
-    Keep(item.packed ? *std::move(item.packed) : Pack(item.scan, beam_model_));
-  }
+  if (max_archive_bytes_ > 0) Keep(std::move(item.packed));
   CheckAgainstMap(channel, placed);
   folder_.FoldPrepared(placed, beam_model_, item.lines, layer_);
   ++scans_mapped_;
@@ -126,8 +131,7 @@ LayerSnapshot LayerBuilder::Snapshot() {
 }
 
 bool LayerBuilder::HasMoved(const Channel& channel, const Item& item) {
-  const bool is_filtered = item.min_travel_m > 0 || item.min_turn_rad > 0;
-  if (!is_filtered || !channel.last_map_T_robot) return true;
+  if (!item.is_filtered() || !channel.last_map_T_robot) return true;
   const Pose2& last = *channel.last_map_T_robot;
   const Pose2& map_T_robot = item.placed.map_T_robot;
   const double travel_m = (map_T_robot.position_m - last.position_m).norm();

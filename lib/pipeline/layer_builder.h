@@ -31,15 +31,18 @@ class LayerBuilder {
     PosedScan scan;
     double min_travel_m = 0;
     double min_turn_rad = 0;
-    // What Prepare() sets:
+    bool is_filtered() const;
+    // What of the following is there:
+    bool is_placed = false;
+    bool has_lines = false;
     PlacedScan placed;
     absl::Status can_be;
-    std::optional<PackedScan> packed;
+    PackedScan packed;
     ScanLines lines;
   };
   // Does for an item what needs neither the layer nor the scans before.
   void Prepare(Item& item);
-  // Requires Prepare(), after which other items may have been prepared.
+  // Of an item that may be prepared, and others after it, too.
   void Map(Item& item);
 
   // Where other flags of a scan channel were tried: better ones in words, if there are any.
@@ -68,6 +71,7 @@ class LayerBuilder {
     int disagreeing_in_a_row = 0;  // scans whose hits lie in free space
   };
 
+  void MakeLines(ScanFolder& folder, Item& item) const;
   void Keep(PackedScan scan);
   void KeepNoScans();
   static bool HasMoved(const Channel& channel, const Item& item);

@@ -184,8 +184,9 @@ void Mapper::MapReadyScans() {
     item.scan = *std::move(scan);
     item.min_travel_m = options.min_travel_m;
     item.min_turn_rad = options.min_turn_rad;
-    builder_.Prepare(item);
+    item.is_placed = item.has_lines = false;
     if (beside_) {
+      builder_.Prepare(item);
       beside_->Add();
     } else {
       builder_.Map(item);
