@@ -46,7 +46,7 @@ ScanArchive EmptyArchive(const config::Config& config) {
   return archive;
 }
 
-// On one, two threads would take turns in its caches.
+// On one core, two threads would take turns in its caches.
 bool HasSecondCore() {
   cpu_set_t cores;
   return sched_getaffinity(0, sizeof(cores), &cores) == 0 && CPU_COUNT(&cores) > 1;

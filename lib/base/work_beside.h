@@ -14,10 +14,12 @@ namespace splinemap {
 
 // A thread that works on items, one after the other, beside the one that makes them. So many wait
 // at most; who makes more waits as well. Items keep their memory. A thread is woken for half of
-// the items at once, so that the two rarely change places on a single core. Thread-compatible.
+// the items at once, so that the two rarely change places on a single core. What was not waited for
+// may be left undone in the end. Thread-compatible.
 template <typename Item>
 class WorkBeside {
  public:
+  // Requires at least one item.
   WorkBeside(size_t items, std::function<void(Item&)> work)
       : items_(items),
         work_(std::move(work)),

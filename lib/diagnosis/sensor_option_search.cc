@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <future>
 #include <numbers>
 #include <utility>
 
@@ -266,6 +267,11 @@ SensorOptions WithBestTimesAndMount(const RecordingSample& sample, const SensorO
     return rough.options();
   };
   const Best as_given(sample, given);
+  std::future<Best> found_beside = std::async(std::launch::async, [&] {
+    Best offset_and_mount(sample, roughly(AllYaws(given), kMaxTriedOffset));
+    Refine(offset_and_mount, kOffsetAndMount);
+    return offset_and_mount;
+  });
   Best offset = as_given;
   offset.Try(roughly({given}, kMaxTriedOffset));
   Refine(offset, kOffset);
@@ -277,8 +283,7 @@ SensorOptions WithBestTimesAndMount(const RecordingSample& sample, const SensorO
   Best mount = as_given;
   mount.Try(roughly(AllYaws(given), Utime(0)));
   Refine(mount, kMount);
-  Best offset_and_mount(sample, roughly(AllYaws(given), kMaxTriedOffset));
-  Refine(offset_and_mount, kOffsetAndMount);
+  const Best offset_and_mount = found_beside.get();
   Best all = SharperOf(SharperOf(times, mount), offset_and_mount);
   Refine(all, kAll);
   const Best& with_mount = SimplestOf({&mount, &offset_and_mount, &all});

@@ -3,10 +3,9 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
 #include <numbers>
-#include <set>
 
-#include "absl/container/flat_hash_set.h"
 #include "lib/query/footprint.h"
 #include "lib/query/obstacle_search.h"
 #include "lib/tiles/key_tree_impl.h"

@@ -2,7 +2,6 @@
 
 #include <bit>
 #include <cstring>
-#include <limits>
 
 #include "lib/distance/distance_kernel.h"
 #include "lib/query/obstacle_search.h"

@@ -1,5 +1,8 @@
 // The body of an AngleKernel, included by one file for each instruction set, which defines
 // SPLINEMAP_KERNEL as the name of its namespace.
+//
+// What is called in here is local to the file or always inlined: an inline function that the linker
+// took from here into the rest of the program might not run there.
 
 #include "lib/base/kernels.h"
 #include "lib/base/lanes.h"

@@ -59,8 +59,8 @@ class Mapper {
   // The layer with its archive.
   LayerSnapshot Snapshot() { return builder_.Snapshot(); }
 
-  // From now on maps in a thread of its own, while the next messages are read. After
-  // HandleMessage() nothing else but channels() may be called then until Flush().
+  // Maps in a thread of its own, while the next messages are read. Once at most, before the first
+  // message; between that and Flush(), nothing but HandleMessage() and channels() may be called.
   void MapBeside();
 
   // The channels to feed.

@@ -168,6 +168,8 @@ StoredTile::Eviction StoredTile::Evict() const {
   }
   is_locked_.store(false, std::memory_order_release);
   if (gone) {
+    // After nobody finds it any more, and before it is retired: so a section that reads the count of
+    // before began early enough to keep it.
     num_evictions_.fetch_add(1);
     ReadSection::Retire(std::move(gone));
   }

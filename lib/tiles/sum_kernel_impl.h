@@ -94,8 +94,7 @@ struct TileGroup {
   const Sums max = Sums{} + limits.max;
 #pragma GCC unroll 4
   for (int k = 0; k < kVectors; ++k) {
-    Sums sum = row_sums.sums[k] < min ? min : row_sums.sums[k];
-    sum = sum > max ? max : sum;
+    Sums sum = Lesser(Greater(row_sums.sums[k], min), max);
     sum -= sum == 0;  // a comparison that holds is -1: what was touched is never 0
     Store(__builtin_convertvector(sum, Points) & (row_sums.touched[k] != 0), to + k * kLanes);
   }

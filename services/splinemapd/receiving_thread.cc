@@ -27,7 +27,7 @@ void ReceivingThread::Subscribe(const std::string& channel, Handler handler) {
 }
 
 void ReceivingThread::Start(RequestServer& requests) {
-  Join();  // threads of before still want a turn, and those that begin do not give it away
+  Join();  // else threads that are stopped, and still wait for their turn, might never get it
   for (std::jthread& thread : threads_) {
     thread = std::jthread([this, &requests](const std::stop_token& stop) { Run(stop, requests); });
   }

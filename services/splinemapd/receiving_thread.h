@@ -32,7 +32,7 @@ class ReceivingThread {
 
   // Before Start().
   void Subscribe(const std::string& channel, Handler handler);
-  // Again after Stop(), too: then joins first. `requests` outlives Join().
+  // Again only after Stop(). `requests` outlives Join().
   void Start(RequestServer& requests);
 
   // Messages of each channel so far. The channels do not change after Start().

@@ -47,7 +47,7 @@ class KeyTree {
       return reinterpret_cast<const void*>(static_cast<uintptr_t>(word / kMaxStamps * kAlignment));
     }
     // Requires an address that 64 divides. Leaves it where there is no room for such an address or
-    // stamp.
+    // stamp: after four million of them, readers look themselves again.
     void Set(const void* content, uint64_t stamp) const {
       const uint64_t address = reinterpret_cast<uintptr_t>(content);
       if (address >> 48 != 0 || stamp >= kMaxStamps) return;
@@ -67,8 +67,8 @@ class KeyTree {
     uint64_t revision = 0;
   };
   const Slot& FindSlot(TileKey key) const;
-  // The same for many keys, faster where the tree is larger than the caches. Requires as many
-  // slots as keys.
+  // The same for many keys, faster where the tree is larger than the caches. Requires room for as
+  // many slots as keys.
   void FindSlots(absl::Span<const TileKey> keys, absl::Span<const Slot*> slots) const;
   // The value, for those who keep it longer.
   std::shared_ptr<const Value> Share(TileKey key) const;
@@ -139,7 +139,7 @@ class KeyTreeEditor {
   const Tree& tree() const { return tree_; }
 
   // The value to be written now, Value() where it was absent, stamped with `revision`. The
-  // reference is valid until the next call.
+  // reference is valid until the next call. Nobody queries tree() before the value is written.
   Value& Edit(TileKey key, uint64_t revision);
 
   // Replaces or adds a value that others may share.
