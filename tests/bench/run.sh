@@ -6,7 +6,7 @@ usage() {
   cat << HELP
 usage: tests/bench/run.sh [--yes] [--quick] [--repetitions N]
 
-  tests/bench/run.sh           everything, some minutes on an idle machine; medians of 5 repetitions
+  tests/bench/run.sh           everything, some 45 minutes on an idle machine; medians of 5 repetitions
   tests/bench/run.sh --quick   a little of everything, to see that it works; its figures say nothing
 
 Installs missing packages with apt-get (asks first on a terminal, unless --yes). Recorded drives are
